@@ -88,6 +88,7 @@ def _read(case: Case) -> MatrixMesh:
             more = units | {"thickness": files.thickness}
             K, M = read["stiffness"], read["mass"]
             parts[name] = matrix_part(name, K, M, sets[name], dofs, **more)
+            parts[name].scale(*_factors(case, name))
             if "damping" in read:
                 damped = matrix_part(name, K, read["damping"], sets[name], dofs, **more)
                 damping[name] = damped.mass
@@ -98,8 +99,15 @@ def _read(case: Case) -> MatrixMesh:
         if asked.part not in parts:
             raise InputError(f"{where}.part = {asked.part!r}: expected one of {', '.join(parts)}")
         nodes[name] = asked.part, _picked(asked, parts[asked.part], sets[asked.part], where)
-    interfaces = {}
+    interfaces, pairs = {}, set()
     for name, asked in mesh.interfaces.items():
+        pair = frozenset(asked.between)
+        if asked.nodes is None and (pair in pairs or len(pair) < 2):
+            raise InputError(
+                f"{case.path}: mesh.interfaces.{name}: expected nodes = two sets, as "
+                + ("there is another between these parts" if len(pair) > 1 else "it is one part")
+            )
+        pairs.add(pair)
         with located(f"{case.path}: mesh.interfaces.{name}"):
             interfaces[name] = _interface(asked, parts, nodes)
             if interfaces[name].covered < 0.99:
@@ -111,13 +119,22 @@ def _read(case: Case) -> MatrixMesh:
     return MatrixMesh(parts, interfaces, nodes, damping, notes=tuple(notes))
 
 
+def _factors(case: Case, name: str) -> tuple[float, float]:
+    """Of stiffness and mass: the case's E and rho over those that matrices were made with."""
+    files = case.mesh.matrices[name]
+    part = next((p for p in case.parts.values() if name in p.cells), None)
+    if part is None:
+        return 1.0, 1.0
+    return part.E / (files.E or part.E), part.rho / (files.rho or part.rho)
+
+
 def _picked(asked, part: MatrixPart, nodes: Nodes, where: str) -> np.ndarray:
     """Places of the nodes of a set among those of its part."""
     if asked.box is not None:
         low, high = np.sort(np.array(asked.box), axis=0)
         slack = 1e-6 * np.ptp(part.points, axis=0).max()
         inside = np.all((part.points >= low - slack) & (part.points <= high + slack), axis=1)
-        found = np.flatnonzero(inside)
+        found = np.intersect1d(np.flatnonzero(inside), part.moved)
     else:
         numbers = asked.numbers
         if asked.set is not None:
@@ -125,6 +142,9 @@ def _picked(asked, part: MatrixPart, nodes: Nodes, where: str) -> np.ndarray:
                 there = ", ".join(nodes.sets) or "none, as the file has no *NSET"
                 raise InputError(f"{where}.set = {asked.set!r}: expected one of {there}")
             numbers = nodes.sets[asked.set.upper()]
+        unknown = np.setdiff1d(numbers, part.numbers)
+        if len(unknown):
+            raise InputError(f"{where}: {part.name} has no node {unknown[0]}")
         found = np.flatnonzero(np.isin(part.numbers, numbers))
     if not len(found):
         raise InputError(f"{where}: no node of {part.name} is in it")
@@ -260,10 +280,10 @@ def _support(name: str, section, mesh: MatrixMesh, elastic: bool) -> Iterator[tu
         at = np.atleast_2d(np.asarray(section.points, dtype=float))
         places = []
         for point in at:
-            part = min(mesh.parts.values(), key=lambda p: float(p.distance(point[None])[0]))
+            part = min(mesh.parts.values(), key=lambda p, x=point: p.distance(x))
             part.displacement(point)  # refuses a point beside it
-            near = np.linalg.norm(part.points - point, axis=1)
-            places.append((part, np.flatnonzero(near <= near.min() + 1e-9)))
+            near = np.linalg.norm(part.points[part.moved] - point, axis=1)
+            places.append((part, part.moved[near <= near.min() + 1e-9]))
     ways = [AXES.index(way) for way in section.directions]
     for part, nodes in places:
         if elastic and section.holds_all:

@@ -20,8 +20,10 @@ from fenics_joints.case.usual import usual
 from fenics_joints.case.values import (
     CaseSection,
     Count,
+    Density,
     File,
     Length,
+    Modulus,
     Number,
     Positive,
     Size,
@@ -523,6 +525,8 @@ class PartMatrices(CaseSection):
             where the matrices do not say it.
         names: Names of K, M (and the damping) in files of several matrices.
         thickness: Of a flat shell of CalculiX, which has several nodes through it.
+        E: Young's modulus that the matrices were made with; the part's by default.
+        rho: Density likewise.
     """
 
     stiffness: File
@@ -532,6 +536,14 @@ class PartMatrices(CaseSection):
     dofs: File | None = None
     names: Annotated[list[str], Field(min_length=2, max_length=3)] | None = None
     thickness: usual(Size, "length") | None = None
+    E: usual(Modulus, "E") | None = None
+    rho: usual(Density, "rho") | None = None
+
+    @model_validator(mode="after")
+    def _other_names(self) -> PartMatrices:
+        if self.names is not None and len(set(self.names)) < len(self.names):
+            raise ValueError(f"names = {self.names}: expected another name for each matrix")
+        return self
 
 
 class NodeSet(CaseSection):
@@ -573,8 +585,8 @@ class MatrixInterface(CaseSection):
 class MatricesMesh(MeshSection):
     """``[mesh]`` of parts by stiffness and mass matrices of another code.
 
-    E and rho of a part are factors on its matrices: the values in the case are those at which the
-    matrices were made.
+    E and rho of a part are factors on its matrices, relative to the values that these were made
+    with.
 
     Attributes:
         matrices: Files of each part.

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.optimize import linprog
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from fenics_joints.errors import InputError
@@ -23,6 +24,9 @@ _APART = 0.05
 #: Distance from the other part's nodes, beyond the least, over the spacing of nodes, up to which a
 #: node may be on the face: less than a layer of cells. [numerical: chosen]
 _NEXT = 0.75
+#: Distance from the plane, over the reach, up to which a node is on it; and how far nodes may be
+#: beyond a plane between two parts, over their extent. [numerical: digits of files]
+_ON_PLANE, _SLACK = 0.02, 1e-6
 #: Triangles smaller than this share of the mean are round-off of nodes in line.
 _SLIVER = 1e-6
 
@@ -74,7 +78,7 @@ class NodeInterface:
         middle = both.mean(axis=0)
         _, sizes, axes = np.linalg.svd(both - middle, full_matrices=False)
         self.normal = axes[2]
-        towards = second.points.mean(axis=0) - first.points.mean(axis=0)
+        towards = second.middle - first.middle
         if self.normal @ towards < 0:
             self.normal = -self.normal
         for part, cloud in zip(self.parts, clouds, strict=True):
@@ -122,18 +126,22 @@ class NodeInterface:
         Raises:
             InputError: As the class.
         """
-        clouds = [part.points for part in (first, second)]
+        nodes = [part.moved for part in (first, second)]
+        clouds = [part.points[own] for part, own in zip((first, second), nodes, strict=True)]
         reach = _NEXT * max(first.spacing, second.spacing)
         off = [cKDTree(clouds[1 - k]).query(clouds[k])[0] for k in (0, 1)]
-        near = [np.flatnonzero(each <= each.min() + reach) for each in off]
-        both = np.vstack([cloud[own] for cloud, own in zip(clouds, near, strict=True)])
-        normal = np.linalg.svd(both - both.mean(axis=0), full_matrices=False)[2][2]
-        if normal @ (clouds[1].mean(axis=0) - clouds[0].mean(axis=0)) < 0:
-            normal = -normal
+        near = [cloud[each <= each.min() + reach] for cloud, each in zip(clouds, off, strict=True)]
+        normal = _separating(*near)
+        if normal is None:
+            raise InputError(
+                f"{first.name} and {second.name}: no plane is between them where they are near: "
+                "expected the nodes of both faces"
+            )
         sets = []
         for k, (cloud, own) in enumerate(zip(clouds, near, strict=True)):
-            height = (1 - 2 * k) * (cloud @ normal)
-            sets.append(np.flatnonzero(np.abs(height - height[own].max()) <= _FLAT * reach))
+            height, top = (((1 - 2 * k) * (x @ normal)) for x in (cloud, own))
+            on = np.abs(height - top.max()) <= _ON_PLANE * reach
+            sets.append(nodes[k][on])
         found = cls(first, sets[0], second, sets[1], area)
         found.covered = 1.0  # the nodes are those of all that is on the plane
         return found
@@ -251,6 +259,30 @@ class _NodeFace:
 def _bilinear(s, t):
     """Shares of the corners of a parallelogram, one after the other."""
     return (1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t
+
+
+def _separating(below: np.ndarray, above: np.ndarray) -> np.ndarray | None:
+    """Unit normal of a plane between two clouds, towards the second; None if there is none.
+
+    Of clouds that are apart it is the one with the widest margin; of clouds that touch, the one
+    from which both are farthest on average.
+    """
+    middle = below.mean(axis=0)
+    size = max(np.ptp(np.vstack([below, above]), axis=0).max(), 1e-300)
+    a, b = (below - middle) / size, (above - middle) / size
+    # Unknowns: the normal, the height of the plane, and the margin.
+    rows = np.vstack([
+        np.column_stack([a, -np.ones(len(a)), np.ones(len(a))]),
+        np.column_stack([-b, np.ones(len(b)), np.ones(len(b))]),
+    ])  # fmt: skip
+    bounds = [(-1, 1)] * 3 + [(None, None), (-_SLACK, None)]
+    for cost in ([0, 0, 0, 0, -1.0], [*(a.mean(axis=0) - b.mean(axis=0)), 0, 0]):
+        found = linprog(cost, rows, np.zeros(len(rows)), bounds=bounds)
+        normal = found.x[:3] if found.status == 0 else np.zeros(3)
+        if np.linalg.norm(normal) > 0.1 and (cost[4] == 0 or found.x[4] > 10 * _SLACK):
+            return normal / np.linalg.norm(normal)
+        bounds[4] = (-_SLACK, -_SLACK)
+    return None
 
 
 def _areas(corners: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
+from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
 from fenics_joints.errors import InputError, reals, text
@@ -84,6 +85,10 @@ class MatrixPart:
     def __repr__(self) -> str:
         return f"MatrixPart({self.name!r}, {len(self.points)} nodes, {len(self.dofs)} DOFs)"
 
+    def scale(self, stiffness: float, mass: float) -> None:
+        """Multiply the matrices, in place."""
+        self.stiffness, self.mass = stiffness * self.stiffness, mass * self.mass
+
     @cached_property
     def moved(self) -> np.ndarray:
         """Nodes that have all three translations, in order."""
@@ -141,9 +146,19 @@ class MatrixPart:
         x = self.rigid_motion()[:, 0]
         return float(x @ self.mass @ x)
 
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        """Distance of points from the nearest node, over the spacing of nodes, (n,)."""
-        return self._tree.query(points)[0] / max(self.spacing, 1e-12)
+    @cached_property
+    def middle(self) -> np.ndarray:
+        """Mean place of the nodes that move, m, (3,)."""
+        return self.points[self.moved].mean(axis=0)
+
+    def distance(self, point: np.ndarray) -> tuple[float, float]:
+        """Distance of a point from what its nearest nodes span, m, and from the nearest node."""
+        near, which = self._tree.query(point, k=min(_AROUND, len(self.moved)))
+        off = (self.points[self.moved[np.atleast_1d(which)]] - point) / max(self.spacing, 1e-9)
+        # Shares of the nodes, none negative, whose sum is one: a row that weighs much.
+        system = np.vstack([off.T, np.full(len(off), 1e3)])
+        rest = nnls(system, np.array([0.0, 0.0, 0.0, 1e3]))[1]
+        return float(np.round(rest, 6)) * max(self.spacing, 1e-9), float(np.min(near))
 
     def displacement(self, points: ArrayLike) -> sp.csr_matrix:
         """Displacement at points, as rows over the DOFs, (3 n_points, n): x, y, z of each.

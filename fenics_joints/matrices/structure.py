@@ -134,7 +134,8 @@ class MatrixStructure:
         springs: Springs to the ground, likewise.
         supports: Pairs (part's name, rows) of held degrees of freedom.
         elastic: (name, interface-like matrices across and along, k_n, k_t) of elastic supports.
-        damping: Viscous matrices of parts by name, N s/m.
+        damping: Viscous matrices of parts by name, N s/m, as dampers ``NAME.C``: a response has
+            those that ``Damping.viscous`` names, such as ``{"NAME.C": 1.0}``; `resolved` adds all.
         comm: Communicator.
 
     Attributes:
@@ -275,10 +276,9 @@ class MatrixStructure:
         if not hasattr(self, "_rows"):
             self._rows: dict[bytes, sp.csr_matrix] = {}
         if key not in self._rows:
-            off = np.array([part.distance(points) * part.spacing for part in self.parts])
             found = []
-            for i, nearest in enumerate(off.argmin(axis=0)):
-                part = self.parts[nearest]
+            for i, point in enumerate(points):
+                part = min(self.parts, key=lambda p, x=point: p.distance(x))
                 try:
                     rows = part.displacement(points[i])
                 except InputError as error:

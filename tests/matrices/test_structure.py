@@ -220,3 +220,22 @@ def test_it_is_a_structure_like_others():
     with pytest.raises(InputError, match="expected rows from 0"):
         lap_structure(*UNLIKE, supports=[("low", [-1])])
     assert isinstance(s.parameters["k_n"], Parameter)
+
+
+def test_unlike_nodes_on_thin_plates():
+    lower = box("lower", ([0, 0, 0], [0.2, 0.06, 0.004]), [8, 2, 1])
+    upper = box("upper", ([0.14, 0, 0.004], [0.34, 0.06, 0.008]), [20, 4, 1])
+    interface = NodeInterface.between(lower, upper)
+    assert np.allclose(interface.normal, [0, 0, 1])
+    assert interface.areas.sum() == pytest.approx(0.06 * 0.06, rel=0.07)
+
+
+def test_a_sensor_moves_with_the_part_that_it_lies_on():
+    lower = box("lower", ([0, 0, 0], [0.2, 0.06, 0.004]), [4, 1, 1])  # few nodes, far apart
+    upper = box("upper", ([0.14, 0, 0.004], [0.34, 0.06, 0.008]), [20, 6, 1])
+    joint = MatrixJoint("lap", NodeInterface.between(lower, upper), {"k_n": 1e12, "k_t": 1e12})
+    structure = MatrixStructure([lower, upper], [joint])
+    rows = structure.displacement([[0.175, 0.03, 0.0], [0.175, 0.03, 0.008]])
+    split = len(lower.dofs)
+    assert not rows[:3, split:].nnz and rows[:3, :split].nnz
+    assert not rows[3:, :split].nnz and rows[3:, split:].nnz
