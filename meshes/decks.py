@@ -270,6 +270,10 @@ def _section_name(name: str) -> str:
     return re.sub(r"[^a-z0-9_-]+", "_", name.lower()).strip("_") or "part"
 
 
+#: Keywords that make nodes or elements of others, or place them in another system.
+_MADE = {"*NGEN", "*NFILL", "*NCOPY", "*NMAP", "*ELGEN", "*ELCOPY", "*SYSTEM"}
+#: Members that a set may have.
+_MOST = 10_000_000
 #: Solids of CalculiX and Abaqus by their nodes.
 _BY_NODES = {
     4: "tetra",
@@ -289,16 +293,13 @@ def _by_keywords(text: str) -> tuple[dict, dict[str, np.ndarray]]:
     """
     points: dict[tuple[str, int], list[float]] = {}
     cells: dict[int, list[tuple[tuple[str, int], list[tuple[str, int]]]]] = {}
-    sets: dict[str, list[tuple[str, int]]] = {}
+    sets: dict[str, set[tuple[str, int]]] = {}
     moved: dict[str, list[list[float]]] = {}
     part, counts = "", {}
     for keyword, options, rows in inp_lines(text):
+        part = _part(part, keyword, options)
         name = options.get("ELSET")
-        if keyword == "*PART":
-            part = options.get("NAME", "")
-        elif keyword in ("*END PART", "*ASSEMBLY"):
-            part = ""
-        elif keyword == "*INSTANCE":
+        if keyword == "*INSTANCE":
             moved.setdefault(options.get("PART", ""), []).append(
                 [float(v) for row in rows for v in row]
             )
@@ -320,22 +321,20 @@ def _by_keywords(text: str) -> tuple[dict, dict[str, np.ndarray]]:
                 number, *nodes = values[k : k + n + 1]
                 cells.setdefault(n, []).append(((part, number), [(part, i) for i in nodes]))
                 if name:
-                    sets.setdefault(name, []).append((part, number))
+                    sets.setdefault(part + name, set()).add((part, number))
         elif keyword == "*ELSET" and name:
-            own = sets.setdefault(name, [])
-            for row in rows:
-                if "GENERATE" in options:
-                    first, last, *step = map(int, row)
-                    own += [(part, i) for i in range(first, last + 1, *(step or [1]))]
-                else:
-                    for value in row:
-                        named = sets.get(value.upper(), [])
-                        own += [(part, int(value))] if value.isdigit() else named
+            numbers, named = set_members(options, rows)
+            own = sets.setdefault(part + name, set())
+            own.update((part, i) for i in numbers)
+            own.update(*(sets.get(part + other, ()) for other in named))
+    numbers = [number for own in cells.values() for number, _ in own]
+    if len(set(numbers)) < len(numbers):
+        raise MeshError("an element's number is there twice: expected each once")
     for name, instances in moved.items():
         if len(instances) > 1 or len(instances[0]) > 3:
             raise MeshError(f"part {name} is there several times, or turned: expected each once")
         shift = instances[0] or [0.0] * 3
-        for key in (key for key in points if key[0] == name):
+        for key in (key for key in points if key[0] == f"{name}/"):
             points[key] = [a + b for a, b in zip(points[key], shift, strict=True)]
     tag = {key: i for i, key in enumerate(points)}
     head = {"blocks": [], "groups": {}, "counts": counts, "masses": [], "sets": []}
@@ -348,15 +347,38 @@ def _by_keywords(text: str) -> tuple[dict, dict[str, np.ndarray]]:
         head["blocks"].append([_BY_NODES[n], n])
         at = {number: i for i, (number, _) in enumerate(own)}
         for name, numbers in sets.items():
-            inside = sorted({at[number] for number in numbers if number in at})
+            inside = sorted(at[number] for number in numbers if number in at)
             if inside:
                 arrays[f"set{len(head['sets'])}"] = np.array(inside)
                 head["sets"].append([name, b])
     return head, arrays
 
 
+def _part(part: str, keyword: str, options: dict[str, str]) -> str:
+    """Name of the part of Abaqus that a keyword is in, with a slash; of none an empty text."""
+    if keyword == "*PART":
+        return options.get("NAME", "") + "/"
+    return "" if keyword in ("*END PART", "*ASSEMBLY") else part
+
+
+def set_members(options: dict[str, str], rows: list[list[str]]) -> tuple[list[int], list[str]]:
+    """Numbers in a set of CalculiX' and Abaqus' decks, and names of sets whose members are, too."""
+    if "GENERATE" not in options:
+        values = [value for row in rows for value in row]
+        names = [value.upper() for value in values if not value.isdigit()]
+        return [int(value) for value in values if value.isdigit()], names
+    spans = [range(int(row[0]), int(row[1]) + 1, *map(int, row[2:3])) for row in rows]
+    if sum(map(len, spans)) > _MOST:
+        raise MeshError(f"a set has more than {_MOST:,} members")
+    return [number for span in spans for number in span], []
+
+
 def inp_lines(text: str):
-    """Keyword, its options, and the lines of data below it, of CalculiX' and Abaqus' decks."""
+    """Keyword, its options, and the lines of data below it, of CalculiX' and Abaqus' decks.
+
+    Raises:
+        MeshError: If nodes or elements are made by keywords, or nodes are in systems of their own.
+    """
     keyword, options, rows = "", {}, []
     for line in (*text.splitlines(), "*END"):
         if line.startswith("**") or not line.strip():
@@ -364,6 +386,11 @@ def inp_lines(text: str):
         if not line.startswith("*"):
             rows.append([value.strip() for value in line.split(",") if value.strip()])
             continue
+        if keyword in _MADE or (keyword == "*NODE" and options.get("SYSTEM", "R") != "R"):
+            raise MeshError(
+                f"has {keyword} {options.get('SYSTEM', '')}".rstrip()
+                + ": expected each node and element by itself, in the basic coordinate system"
+            )
         if keyword:
             yield keyword, options, rows
         keyword, *rest = (part.strip() for part in line.upper().split(","))
@@ -375,8 +402,9 @@ def _sections(text: str) -> dict[str, tuple | None]:
     """E, nu and rho of each element set with a solid section; None where the deck lacks them."""
     materials: dict[str, list] = {}
     sections: dict[str, str] = {}
-    name = ""
+    name = part = ""
     for keyword, options, rows in inp_lines(text):
+        part = _part(part, keyword, options)
         if keyword == "*MATERIAL":
             name = options.get("NAME", "")
             materials[name] = [None, None, None]
@@ -385,7 +413,7 @@ def _sections(text: str) -> dict[str, tuple | None]:
         elif keyword == "*DENSITY" and name and rows:
             materials[name][2:] = _floats(rows[0][:1])
         elif keyword == "*SOLID SECTION" and "ELSET" in options:
-            sections[options["ELSET"]] = options.get("MATERIAL", "")
+            sections[part + options["ELSET"]] = options.get("MATERIAL", "")
     found = {name: materials.get(material) for name, material in sections.items()}
     return {name: None if v is None else tuple(v) for name, v in found.items()}
 
@@ -407,7 +435,7 @@ def bad_numbers():
         yield
     except MeshError:
         raise
-    except (ValueError, IndexError) as error:
+    except (ValueError, IndexError, OverflowError) as error:
         raise MeshError(f"a line is not as expected: {error}") from error
 
 
@@ -458,7 +486,8 @@ def _by_cards(text: str) -> tuple[dict, dict[str, np.ndarray]]:
         (int(row[0]), row[1], [_real(c) or 0.0 for c in (*row[2:5], "", "", "")[:3]])
         for row in found.get("GRID", ())
     ]
-    systems = sorted({system for _, system, _ in grids if system not in ("", "0")})
+    usual = {row[1] for row in found.get("GRDSET", ()) if row[1:]}
+    systems = sorted((usual | {system for _, system, _ in grids}) - {"", "0"})
     if systems:
         raise MeshError(
             f"its nodes are in coordinate system {', '.join(systems)}: expected all in the "
@@ -490,23 +519,30 @@ def _by_cards(text: str) -> tuple[dict, dict[str, np.ndarray]]:
             or name[:2] == "RB"
         ):
             head["counts"][name] = len(rows)
-    materials = {
-        int(row[0]): [_real(value) for value in (row[1], row[3], row[4])]
-        for row in found.get("MAT1", ())
-    }
+    materials = {}
+    for row in found.get("MAT1", ()):
+        E, G, nu, rho = (_real(value) for value in (*row[1:5], "", "", "", "")[:4])
+        materials[int(row[0])] = [E, E / (2 * G) - 1 if E and G and nu is None else nu, rho]
     solids = [row for row in found.get("PSOLID", ()) if len(row) > 1 and row[1]]
     properties = {int(row[0]): materials.get(int(row[1])) for row in solids}
     used = {group for own in blocks.values() for group, _ in own}
     head["groups"] = {group: [f"property_{group}", properties.get(group)] for group in used}
     places = dict(zip(arrays["tags"].tolist(), arrays["x"].tolist(), strict=True))
     for row in found.get("CONM2", ()):
-        if int(row[1]) in places and (mass := _real(row[3])):
-            head["masses"].append([*places[int(row[1])], mass])
+        if int(row[1]) not in places or not (mass := _real(row[3])):
+            continue
+        off = np.array([_real(value) or 0.0 for value in (*row[4:7], "", "", "")[:3]])
+        if off.any() and row[2] not in ("", "0", "-1"):
+            raise MeshError(f"CONM2 {row[0]}: its offset is in coordinate system {row[2]}")
+        place = off if row[2] == "-1" else places[int(row[1])] + off
+        head["masses"].append([*place.tolist(), mass])
     return head, arrays
 
 
 #: Nastran's elements that are no solids.
-_ELEMENT = re.compile(r"C(QUAD|TRIA|BAR|BEAM|BEND|ROD|TUBE|BUSH|ELAS|GAP|FAST|WELD|SHEAR|DAMP)\w*")
+_ELEMENT = re.compile(
+    r"C(QUAD|TRIA|BAR|BEAM|BEND|ROD|TUBE|BUSH|ELAS|GAP|FAST|WELD|SHEAR|DAMP|MASS|ONM1)\w*"
+)
 
 
 def _ansys(text: str) -> dict[int, tuple]:

@@ -88,6 +88,10 @@ def _read(case: Case) -> MatrixMesh:
             more = units | {"thickness": files.thickness}
             K, M = read["stiffness"], read["mass"]
             parts[name] = matrix_part(name, K, M, sets[name], dofs, **more)
+            if not parts[name].total_mass > 0:
+                raise InputError(
+                    f"{name}: its mass is {parts[name].total_mass:.4g} kg, expected more than 0"
+                )
             parts[name].scale(*_factors(case, name))
             if "damping" in read:
                 damped = matrix_part(name, K, read["damping"], sets[name], dofs, **more)

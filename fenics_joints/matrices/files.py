@@ -12,10 +12,10 @@ import numpy as np
 import scipy.io
 import scipy.sparse as sp
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, located
 from fenics_joints.files import check_size, is_file
 from fenics_joints.matrices.part import MatrixPart
-from fenics_joints.meshes.decks import inp_lines
+from fenics_joints.meshes.decks import bad_numbers, inp_lines, set_members
 from fenics_joints.units import to_si
 
 #: Names under which files hold K and M, in the order in which they are sought.
@@ -91,6 +91,10 @@ def read_matrix(path: Path, what: str, name: str | None = None) -> LabelledMatri
     n, m = found.matrix.shape
     if n != m:
         raise InputError(f"{path}: has {n} rows and {m} columns: expected a square matrix")
+    if np.iscomplexobj(found.matrix.data) and np.any(found.matrix.data.imag):
+        raise InputError(
+            f"{path}: the {what} is complex: expected a real matrix; losses are in [damping]"
+        )
     matrix = sp.csr_matrix(found.matrix, dtype=float)
     # Of a symmetric matrix each pair may be there once.
     other = sp.csr_matrix(matrix.T)
@@ -142,9 +146,10 @@ def _numbers(path: Path, columns: int, what: str) -> np.ndarray:
 def _read_calculix(path: Path, what: str, name: str | None) -> LabelledMatrix:
     rows = _numbers(path, 3, "lines 'row column value'")
     i, j = rows[:, :2].astype(int).T - 1
-    return LabelledMatrix(
-        sp.csr_matrix((rows[:, 2], (i, j)), shape=(max(i.max(), j.max()) + 1,) * 2)
-    )
+    n = max(i.max(initial=-1), j.max(initial=-1)) + 1
+    if n > len(rows) or min(i.min(initial=0), j.min(initial=0)) < 0:
+        raise InputError(f"{path}: has {len(rows)} entries for {n} rows: expected one each or more")
+    return LabelledMatrix(sp.csr_matrix((rows[:, 2], (i, j)), shape=(n, n)))
 
 
 def _read_mtx(path: Path, what: str, name: str | None) -> LabelledMatrix:
@@ -163,10 +168,8 @@ def _read_npz(path: Path, what: str, name: str | None) -> LabelledMatrix:
         if sum(member.file_size for member in packed.infolist()) > _MOST:
             raise InputError(f"{path}: unpacks to more than {_MOST / 1e9:g} GB")
     with np.load(path, allow_pickle=False) as there:
-        if {"data", "indices", "indptr", "shape"} <= set(there.files):
-            csr = there["data"], there["indices"], there["indptr"]
-            # Symmetric, so rows of one format are columns of the other.
-            return LabelledMatrix(sp.csr_matrix(csr, shape=tuple(there["shape"])))
+        if {"format", "shape", "data"} <= set(there.files):
+            return LabelledMatrix(sp.csr_matrix(sp.load_npz(path)))
         arrays = {key: there[key] for key in there.files}
     return LabelledMatrix(sp.csr_matrix(_picked(path, arrays, what, name)))
 
@@ -204,6 +207,8 @@ def _read_dmig(path: Path, what: str, name: str | None) -> LabelledMatrix:
 
 
 def _read_full(path: Path, what: str, name: str | None) -> LabelledMatrix:
+    if what == "damping":
+        raise InputError(f"{path}: the damping of a .full file is not read: expected another file")
     reader = _library("ansys.mapdl.reader", "ansys")
     labels, stiffness, mass = reader.read_binary(str(path)).load_km()
     labels = np.column_stack([labels[:, 0], labels[:, 1] + 1])  # directions count from 0 there
@@ -248,7 +253,8 @@ def read_dofs(path: Path) -> np.ndarray:
     pairs = re.findall(r"^\s*(\d+)\s*[.,;\s]\s*(\d+)\s*$", text, re.MULTILINE)
     if not pairs:
         raise InputError(f"{path}: expected {expected}")
-    return np.array(pairs, dtype=int)
+    with located(path), bad_numbers():
+        return np.array(pairs, dtype=int)
 
 
 def read_nodes(path: Path) -> Nodes:
@@ -256,14 +262,19 @@ def read_nodes(path: Path) -> Nodes:
     its sets of nodes.
 
     Raises:
-        InputError: If it is none of these.
+        InputError: If it is none of these, or nodes of a deck are in parts, each with its numbers.
     """
     _check_file(path)
     if path.suffix.lower() != ".inp":
         rows = _table(path, 4, "a table 'node, x, y, z'")
         return Nodes(dict(zip(rows[:, 0].astype(int).tolist(), rows[:, 1:], strict=True)))
-    found, collected = Nodes({}), dict[str, list[int]]()
-    for keyword, options, rows in inp_lines(path.read_text(encoding="latin-1")):
+    with located(path), bad_numbers():
+        return _nodes_of_deck(path.read_text(encoding="latin-1"))
+
+
+def _nodes_of_deck(text: str) -> Nodes:
+    found, collected = Nodes({}), dict[str, set[int]]()
+    for keyword, options, rows in inp_lines(text):
         name = options.get("NSET")
         if keyword in _SAID and rows:
             found.values.setdefault(keyword, [float(value) for value in rows[0]])
@@ -271,20 +282,17 @@ def read_nodes(path: Path) -> Nodes:
             for row in (row for row in rows if len(row) >= 4):
                 found.points[int(row[0])] = np.array(row[1:4], dtype=float)
                 if name:
-                    collected.setdefault(name, []).append(int(row[0]))
+                    collected.setdefault(name, set()).add(int(row[0]))
         elif keyword == "*NSET" and name:
-            own = collected.setdefault(name, [])
-            for row in rows:
-                if "GENERATE" in options:
-                    first, last, *step = map(int, row)
-                    own.extend(range(first, last + 1, *(step or [1])))
-                else:
-                    for value in row:
-                        named = collected.get(value.upper(), [])
-                        own += [int(value)] if value.isdigit() else named
+            numbers, named = set_members(options, rows)
+            collected.setdefault(name, set()).update(
+                numbers, *(collected.get(other, ()) for other in named)
+            )
+        elif keyword == "*INSTANCE":
+            raise InputError("has parts and instances: expected one part, its nodes by themselves")
     if not found.points:
-        raise InputError(f"{path}: has no *NODE: expected the nodes of the part")
-    found.sets = {name: np.unique(numbers) for name, numbers in collected.items()}
+        raise InputError("has no *NODE: expected the nodes of the part")
+    found.sets = {name: np.array(sorted(numbers)) for name, numbers in collected.items()}
     return found
 
 

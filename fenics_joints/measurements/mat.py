@@ -212,15 +212,27 @@ def _hdf_list(path: Path) -> list[tuple[str, tuple, str]]:
     found = []
     with hdf(path) as file:
         for name in file:
-            hard = isinstance(file.get(name, getlink=True), h5py.HardLink)
-            item = file[name] if hard else None
-            if isinstance(item, h5py.Dataset) and not item.is_virtual and not item.external:
+            item = file[name] if holds(file, name) else None
+            if isinstance(item, h5py.Dataset):
                 kind = _decoded(item.attrs.get("MATLAB_class", b""))
                 refers = item.dtype.kind == "O" and h5py.check_string_dtype(item.dtype) is None
                 found.append((name, item.shape, "struct" if refers else kind or "numbers"))
             elif not name.startswith("#"):
                 found.append((name, (), "struct"))
     return found
+
+
+def holds(group, *names: str) -> bool:
+    """Whether a group holds all of these itself: no links to elsewhere, nothing virtual."""
+    import h5py
+
+    for name in names:
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            return False
+        item = group[name]
+        if isinstance(item, h5py.Dataset) and (item.is_virtual or item.external):
+            return False
+    return True
 
 
 def _decoded(value) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from fenics_joints.errors import InputError, located
 from fenics_joints.files import check_size
 from fenics_joints.measurements.files import CoherenceRecord, Contents, Dof, FileMetadata, FRFRecord
-from fenics_joints.measurements.mat import hdf
+from fenics_joints.measurements.mat import hdf, holds
 from fenics_joints.measurements.time_records import MOST, frfs_from_time
 from fenics_joints.units import to_si
 
@@ -28,16 +28,15 @@ def read_rattlesnake(path: Path, metadata: FileMetadata) -> Contents:
     """
     check_size(path)
     with hdf(path) as file:
-        if "time_data" not in file or "channels" not in file or "sample_rate" not in file.attrs:
+        if not holds(file, "time_data", "channels") or "sample_rate" not in file.attrs:
             raise InputError(f"{path}: {_EXPECTED}")
+        keys = [k for k in ("node_number", "node_direction", "unit") if holds(file["channels"], k)]
         item, rate = file["time_data"], float(np.ravel(file.attrs["sample_rate"])[0])
         if item.ndim != 2 or item.size > MOST:
             raise InputError(f"{path}: time_data has shape {item.shape}; {_EXPECTED}")
         records = np.asarray(item[()], dtype=float)
         table = {
-            key: [_text(value) for value in np.ravel(file["channels"][key][()])]
-            for key in ("node_number", "node_direction", "unit")
-            if key in file["channels"]
+            key: [_text(value) for value in np.ravel(file["channels"][key][()])] for key in keys
         }
     if set(map(len, table.values())) != {len(records)} or len(table) < 3:
         raise InputError(f"{path}: has {len(records)} channels of data; {_EXPECTED} for each")

@@ -198,7 +198,10 @@ class _Csv:
         """Whether heads stand in the first column, and numbers in the first row."""
         first, *rest = self.heads
         numbers = rest and all(_PLAIN.fullmatch(cell) for cell in rest)
-        return bool(numbers and not _PLAIN.fullmatch(first) and self.n_rows < _WIDE)
+        if not numbers or _PLAIN.fullmatch(first) or self.n_rows >= _WIDE:
+            return False
+        rows = [self._cells(i, text) for i, text in self._lines()]
+        return not any(_PLAIN.fullmatch(row[0]) for row in rows if row)
 
     def _lines(self) -> Iterator[tuple[int, str]]:
         if self._turned:

@@ -124,15 +124,13 @@ def frfs_from_time(
     sff = np.zeros((len(lines), f.shape[1], f.shape[1]), complex)
     sxf = np.zeros((len(lines), x.shape[1], f.shape[1]), complex)
     sxx = np.zeros((len(lines), x.shape[1]))
+    # What a channel shows at rest: a pulse has a mean of its own.
+    rest = np.median if s.window == "hammer" else np.mean
     for start in starts:
-        part = slice(start, start + size)
-        spectra = [
-            np.fft.rfft((each[part] - each[part].mean(axis=0)) * weight[:, None], axis=0)[1:]
-            if s.window != "hammer"
-            else np.fft.rfft(each[part] * weight[:, None], axis=0)[1:]
-            for each in (f, x)
-        ]
-        F, X = spectra
+        blocks = [each[start : start + size] for each in (f, x)]
+        F, X = (
+            np.fft.rfft((own - rest(own, axis=0)) * weight[:, None], axis=0)[1:] for own in blocks
+        )
         sff += F[:, :, None] * F[:, None].conj()
         sxf += X[:, :, None] * F[:, None].conj()
         sxx += np.abs(X) ** 2

@@ -113,6 +113,13 @@ def test_formats(tmp_path, kind):
     assert part.mass.toarray()[np.ix_(order, order)] == pytest.approx(M)
 
 
+@pytest.mark.parametrize("kind", ["csr", "csc", "coo", "dia", "bsr"])
+def test_sparse_formats_of_scipy(tmp_path, kind):
+    sp.save_npz(tmp_path / "k.npz", sp.csr_matrix(matrix()).asformat(kind))
+    found = read_matrix(tmp_path / "k.npz", "stiffness")
+    assert found.matrix.toarray() == pytest.approx(matrix())
+
+
 def test_abaqus_names_its_rows(tmp_path):
     K, lines = matrix(), []
     for i in range(9):
@@ -144,16 +151,26 @@ def test_strangers_files_are_refused(tmp_path):
     (tmp_path / "k.step").write_text("")
     np.savez(tmp_path / "other.npz", A=matrix())
     np.savez(tmp_path / "oblong.npz", K=np.ones((3, 2)))
+    np.savez(tmp_path / "lossy.npz", K=(1 + 0.02j) * matrix())
+    (tmp_path / "high.sti").write_text("1 1 2.0\n4000000000 4000000000 2.0\n")
     for name, words in (
         ("object.npz", "cannot be read as .npz"),
         ("text.sti", "row column value"),
         ("k.step", "expected a file of .sti"),
         ("other.npz", "no stiffness .*expected one of A"),
         ("oblong.npz", "square"),
+        ("lossy.npz", "complex: expected a real matrix"),
+        ("high.sti", "2 entries for 4000000000 rows"),
         ("none.npz", "none.npz: no such file"),
     ):
         with pytest.raises(InputError, match=words):
             read_matrix(tmp_path / name, "stiffness")
+    (tmp_path / "nodes.inp").write_text("*NODE\n1,0,0,0\n9,1,0,0\n*NGEN\n1,9,1\n")
+    with pytest.raises(InputError, match=r"nodes\.inp: has \*NGEN"):
+        read_nodes(tmp_path / "nodes.inp")
+    (tmp_path / "set.inp").write_text("*NODE\n1,0,0,0\n*NSET, NSET=A, GENERATE\n1, 9999999999\n")
+    with pytest.raises(InputError, match="more than 10,000,000 members"):
+        read_nodes(tmp_path / "set.inp")
     K = LabelledMatrix(sp.csr_matrix(matrix()))
     with pytest.raises(InputError, match="no place is known of node 7"):
         matrix_part("p", K, K, Nodes({2: np.zeros(3), 5: np.ones(3)}), LABELS)

@@ -95,6 +95,9 @@ def test_hits_of_a_hammer():
     wanted = exact(found.frequencies_hz)[:, :, :1]
     assert np.abs(found.values - wanted)[band].max() < 0.02 * np.abs(wanted[band]).max()
     assert found.coherence[band].min() > 0.99
+    # An amplifier's offset changes no function.
+    shown = frfs_from_time(RATE, f + 0.05 * f.max(), x, TimeSettings(window="hammer", block=8.0))
+    assert np.abs(shown.values - found.values)[band].max() < 1e-9 * np.abs(wanted[band]).max()
     windowed = frfs_from_time(
         RATE, hits(), moved(hits()), TimeSettings(window="hammer", block=8.0, exponential=0.5)
     )

@@ -200,3 +200,56 @@ def test_what_cannot_be_is_said(tmp_path):
         (tmp_path / name).write_text(text)
         with pytest.raises(MeshError, match=words):
             read_lists(tmp_path / name, 3, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda t: t.replace("GRID,1,,", "GRID,1,3,"), "coordinate system 3"),
+        (lambda t: t.replace("BEGIN BULK", "BEGIN BULK\nGRDSET,,2"), "coordinate system 2"),
+    ],
+)
+def test_systems_of_nastran(tmp_path, change, said):
+    path = tmp_path / "a.bdf"
+    path.write_text(change(nastran()))
+    with pytest.raises(MeshError, match=said):
+        read_deck(path)
+
+
+def test_offsets_of_masses_and_shear_moduli_of_nastran(tmp_path):
+    path = tmp_path / "a.bdf"
+    E, nu, rho = STEEL
+    text = nastran().replace(f"MAT1,1,{E},,{nu},{rho}", f"MAT1,1,{E},{E / 2.6},,{rho}")
+    path.write_text(text.replace("CONM2,70,1,,1.5-3", "CONM2,70,1,,1.5-3,1.,2.,3."))
+    deck = read_deck(path)
+    assert deck.masses == pytest.approx(np.array([[1.0, 2.0, 3.0, 1.5e-3]]))
+    assert deck.materials["property_100"] == pytest.approx(STEEL)
+
+
+def test_parts_of_abaqus_count_their_own(tmp_path):
+    """Both parts have the same numbers, and the same name of the set with their section."""
+    path, lines = tmp_path / "a.inp", []
+    for part, z in (("LOW", 0.0), ("HIGH", 1.0)):
+        lines += [f"*PART, NAME={part}", "*NODE"]
+        lines += [f"{n + 1},{n % 2},{n // 2 % 2},{z + n // 4}" for n in range(8)]
+        lines += ["*ELEMENT, TYPE=C3D8", "1,1,2,4,3,5,6,8,7", "*ELSET, ELSET=ALL", "1"]
+        lines += [f"*SOLID SECTION, ELSET=ALL, MATERIAL={part}", "*END PART"]
+    lines += ["*ASSEMBLY, NAME=A"]
+    lines += [f"*INSTANCE, NAME={p}-1, PART={p}\n*END INSTANCE" for p in ("LOW", "HIGH")]
+    lines += ["*END ASSEMBLY"]
+    for part, (E, nu, rho) in (("LOW", STEEL), ("HIGH", ALLOY)):
+        lines += [f"*MATERIAL, NAME={part}", "*ELASTIC", f"{E},{nu}", "*DENSITY", f"{rho}"]
+    path.write_text("\n".join(lines))
+    deck = read_deck(path)
+    assert deck.materials == {"low_all": STEEL, "high_all": ALLOY}
+    for name, z in (("low_all", 0.5), ("high_all", 1.5)):
+        number = next(n for n, own in deck.names.items() if own == name)
+        assert deck.x[deck.cells[deck.group == number]].mean(axis=(0, 1))[2] == z
+
+
+@pytest.mark.parametrize("line", ["*ELGEN, ELSET=A\n1, 2, 1, 1", "*SYSTEM\n1,0,0"])
+def test_what_makes_nodes_or_elements_is_refused(tmp_path, line):
+    path = tmp_path / "a.inp"
+    path.write_text(line + "\n" + abaqus())
+    with pytest.raises(MeshError, match="by itself"):
+        read_deck(path)
