@@ -174,6 +174,12 @@ def test_what_is_wrong_is_said(tmp_path):
         file["frequency"] = np.arange(3.0)
     with pytest.raises(InputError, match="frf is a struct"):
         read_frfs(tmp_path / "away.h5")
+    with h5py.File(tmp_path / "away.nc4", "w") as file:
+        file["time_data"] = h5py.ExternalLink("away.h5", "frequency")
+        file.create_group("channels")
+        file.attrs["sample_rate"] = RATE
+    with pytest.raises(InputError, match="expected a file of Rattlesnake"):
+        read_frfs(tmp_path / "away.nc4")
     with h5py.File(tmp_path / "huge.h5", "w") as file:
         file.create_dataset("frf", shape=(10**6, 10**6), dtype="f8", chunks=(1000, 1000))
         file["frequency"] = np.arange(3.0)
