@@ -10,6 +10,7 @@ import os
 import re
 import sys
 import tempfile
+import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -84,6 +85,17 @@ def check_size(path: str | Path, most: int = _LARGEST_FILE) -> None:
         raise InputError(
             f"{shown_path(path)}: has {size / 1e6:,.0f} MB, expected at most {most / 1e6:,.0f} MB: "
             "keep only the data that you need"
+        )
+
+
+def check_unpacked(path: str | Path, most: int) -> None:
+    """Raise InputError for a packed file that holds more bytes than allowed."""
+    with zipfile.ZipFile(path) as packed:
+        size = sum(member.file_size for member in packed.infolist())
+    if size > most:
+        raise InputError(
+            f"{shown_path(path)}: unpacks to {size / 1e9:.3g} GB, expected at most "
+            f"{most / 1e9:g} GB"
         )
 
 

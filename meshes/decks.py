@@ -511,13 +511,7 @@ def _by_cards(text: str) -> tuple[dict, dict[str, np.ndarray]]:
         arrays[f"group{b}"] = np.array([group for group, _ in own], dtype=np.int64)
         head["blocks"].append(list(shape))
     for name, rows in found.items():
-        if (
-            name[0] == "C"
-            and name[1:]
-            and name not in _CARDS
-            and _ELEMENT.fullmatch(name)
-            or name[:2] == "RB"
-        ):
+        if _ELEMENT.fullmatch(name) or name.startswith("RB"):
             head["counts"][name] = len(rows)
     materials = {}
     for row in found.get("MAT1", ()):

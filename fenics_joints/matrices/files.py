@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +12,7 @@ import scipy.io
 import scipy.sparse as sp
 
 from fenics_joints.errors import InputError, located
-from fenics_joints.files import check_size, is_file
+from fenics_joints.files import check_size, check_unpacked, is_file
 from fenics_joints.matrices.part import MatrixPart
 from fenics_joints.meshes.decks import bad_numbers, inp_lines, set_members
 from fenics_joints.units import to_si
@@ -164,9 +163,7 @@ def _read_mtx(path: Path, what: str, name: str | None) -> LabelledMatrix:
 
 
 def _read_npz(path: Path, what: str, name: str | None) -> LabelledMatrix:
-    with zipfile.ZipFile(path) as packed:
-        if sum(member.file_size for member in packed.infolist()) > _MOST:
-            raise InputError(f"{path}: unpacks to more than {_MOST / 1e9:g} GB")
+    check_unpacked(path, _MOST)
     with np.load(path, allow_pickle=False) as there:
         if {"format", "shape", "data"} <= set(there.files):
             return LabelledMatrix(sp.csr_matrix(sp.load_npz(path)))

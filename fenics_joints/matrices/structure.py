@@ -174,13 +174,14 @@ class MatrixStructure:
         for name in names:
             if names.count(name) > 1:
                 raise InputError(f"{name} is the name of two parts or joints: expected each once")
+        self._named = {part.name: part for part in self.parts}
         sizes = [len(part.dofs) for part in self.parts]
         self._first = dict(zip((p.name for p in parts), np.cumsum([0, *sizes]), strict=False))
         held = np.zeros(sum(sizes), dtype=bool)
         for name, own in self.held:
             if name not in self._first:
                 raise wanted("supports", name, f"one of {', '.join(self._first)}")
-            size = len(next(part.dofs for part in self.parts if part.name == name))
+            size = len(self._named[name].dofs)
             if own.size and not (0 <= own.min() and own.max() < size):
                 raise InputError(f"supports of {name}: expected rows from 0 to {size - 1}")
             held[self._first[name] + own] = True
@@ -195,18 +196,24 @@ class MatrixStructure:
             name: [part for part in self.parts if part.name in own]
             for name, own in (dict(regions) | alone).items()
         }
+        self._wides: dict[str, sp.csr_matrix] = {}
+        self._rows: dict[bytes, sp.csr_matrix] = {}
         self._terms = list(self._all_terms(properties, masses, springs, elastic))
         self.layers = tuple(term.name for term in self._terms if term.is_layer)
         self.dampers = {f"{k}.C": self._petsc(self._own(k, C)) for k, C in damping.items()}
-        self._seen: dict[tuple, sp.csr_matrix] = {}
 
     def __repr__(self) -> str:
         return f"MatrixStructure({self.n_dofs} DOFs, {len(self.parameters)} parameters)"
 
     # -- terms ---------------------------------------------------------------------------------
 
-    def _wide(self, name: str, n: int) -> sp.csr_matrix:
+    def _wide(self, part: MatrixPart) -> sp.csr_matrix:
         """Free DOFs to those of a part: (n, n_dofs)."""
+        if part.name not in self._wides:
+            self._wides[part.name] = self._made_wide(part.name, len(part.dofs))
+        return self._wides[part.name]
+
+    def _made_wide(self, name: str, n: int) -> sp.csr_matrix:
         rows = np.arange(n)
         columns = np.searchsorted(self._free, self._first[name] + rows)
         there = (columns < len(self._free)) & (
@@ -220,7 +227,7 @@ class MatrixStructure:
 
     def _own(self, name: str, matrix) -> sp.csr_matrix:
         """This rank's rows of a matrix of one part."""
-        wide = self._wide(name, matrix.shape[0])
+        wide = self._wide(self._named[name])
         return self._mine(wide.T @ matrix @ wide)
 
     def _all_terms(self, properties, masses, springs, elastic) -> Iterator[_Term]:
@@ -259,7 +266,7 @@ class MatrixStructure:
 
     def _wide_of(self, joint: MatrixJoint) -> sp.csr_matrix:
         """Free DOFs to those of the two parts of a joint."""
-        return sp.vstack([self._wide(p.name, len(p.dofs)) for p in joint.interface.parts])
+        return sp.vstack([self._wide(p) for p in joint.interface.parts])
 
     def jump(self, joint: MatrixJoint) -> sp.csr_matrix:
         """Jump at the points of a joint as rows over the DOFs, (3 n_points, n_dofs)."""
@@ -273,8 +280,6 @@ class MatrixStructure:
         """
         points = np.atleast_2d(np.asarray(points, dtype=float))
         key = points.tobytes()
-        if not hasattr(self, "_rows"):
-            self._rows: dict[bytes, sp.csr_matrix] = {}
         if key not in self._rows:
             found = []
             for i, point in enumerate(points):
@@ -283,7 +288,7 @@ class MatrixStructure:
                     rows = part.displacement(points[i])
                 except InputError as error:
                     raise InputError(f"{what}: {error}") from None
-                found.append(rows @ self._wide(part.name, len(part.dofs)))
+                found.append(rows @ self._wide(part))
             self._rows[key] = sp.vstack(found, format="csr")
         return self._rows[key]
 
@@ -497,7 +502,7 @@ class MatrixStructure:
         for part in self.parts:
             size = _CUBE * (part.spacing or 1e-3)
             corners.append(part.points[part.moved][:, None] + size * unit)
-            wide = self._wide(part.name, len(part.dofs)) @ whole
+            wide = self._wide(part) @ whole
             motion = wide[part.rows[part.moved, :3]]
             moved.append(np.repeat(motion.transpose(2, 0, 1)[:, :, None], 8, axis=2))
         if self.comm.rank:

@@ -214,7 +214,7 @@ def _hdf_list(path: Path) -> list[tuple[str, tuple, str]]:
         for name in file:
             item = file[name] if holds(file, name) else None
             if isinstance(item, h5py.Dataset):
-                kind = _decoded(item.attrs.get("MATLAB_class", b""))
+                kind = decoded(item.attrs.get("MATLAB_class", b""))
                 refers = item.dtype.kind == "O" and h5py.check_string_dtype(item.dtype) is None
                 found.append((name, item.shape, "struct" if refers else kind or "numbers"))
             elif not name.startswith("#"):
@@ -235,7 +235,8 @@ def holds(group, *names: str) -> bool:
     return True
 
 
-def _decoded(value) -> str:
+def decoded(value) -> str:
+    """Text of an attribute or an entry of HDF5."""
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
 
 
@@ -246,11 +247,11 @@ def _hdf_load(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
     with hdf(path) as file:
         for name in names:
             item = file[name]
-            value, kind = item[()], _decoded(item.attrs.get("MATLAB_class", b""))
+            value, kind = item[()], decoded(item.attrs.get("MATLAB_class", b""))
             if kind == "char":
                 value = np.array(["".join(map(chr, np.ravel(value, order="F")))])
             elif item.dtype.kind in "OS":
-                value = np.array([_decoded(each) for each in np.ravel(value)])
+                value = np.array([decoded(each) for each in np.ravel(value)])
             elif item.dtype.names and set(item.dtype.names) == {"real", "imag"}:
                 value = value["real"] + 1j * value["imag"]
             found[name] = np.asarray(value).T if kind and kind != "char" else np.asarray(value)

@@ -13,7 +13,7 @@ import numpy as np
 from fenics_joints.errors import InputError, located
 from fenics_joints.files import check_size
 from fenics_joints.measurements.files import CoherenceRecord, Contents, Dof, FileMetadata, FRFRecord
-from fenics_joints.measurements.mat import hdf, holds
+from fenics_joints.measurements.mat import decoded, hdf, holds
 from fenics_joints.measurements.time_records import MOST, frfs_from_time
 from fenics_joints.units import to_si
 
@@ -36,7 +36,8 @@ def read_rattlesnake(path: Path, metadata: FileMetadata) -> Contents:
             raise InputError(f"{path}: time_data has shape {item.shape}; {_EXPECTED}")
         records = np.asarray(item[()], dtype=float)
         table = {
-            key: [_text(value) for value in np.ravel(file["channels"][key][()])] for key in keys
+            key: [decoded(value).strip() for value in np.ravel(file["channels"][key][()])]
+            for key in keys
         }
     if set(map(len, table.values())) != {len(records)} or len(table) < 3:
         raise InputError(f"{path}: has {len(records)} channels of data; {_EXPECTED} for each")
@@ -58,10 +59,6 @@ def read_rattlesnake(path: Path, metadata: FileMetadata) -> Contents:
             contents.functions.append(FRFRecord(*own, factor * made.values[:, i, j], kind, where))
             contents.coherences.append(CoherenceRecord(*own, made.coherence[:, i], where))
     return contents
-
-
-def _text(value) -> str:
-    return (value.decode(errors="replace") if isinstance(value, bytes) else str(value)).strip()
 
 
 def _is_force(unit: str) -> bool:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.files import check_size
+from fenics_joints.files import check_size, check_unpacked
 from fenics_joints.measurements.files import (
     CoherenceRecord,
     Contents,
@@ -39,10 +39,7 @@ def read_sdynpy(path: Path, metadata: FileMetadata) -> Contents:
     """
     check_size(path)
     try:
-        with zipfile.ZipFile(path) as packed:
-            size = sum(member.file_size for member in packed.infolist())
-        if size > _MOST:
-            raise InputError(f"{path}: unpacks to {size / 1e9:.3g} GB, expected at most 8")
+        check_unpacked(path, _MOST)
         with np.load(path, allow_pickle=False) as file:
             # Others, such as a geometry's elements, are pickles.
             arrays = {key: file[key] for key in _KEYS if key in file.files}

@@ -187,21 +187,20 @@ class _Csv:
             self._look()
         except OSError as error:
             raise InputError(f"{shown_path(path)}: cannot be read ({error.strerror})") from error
-        if self._is_turned():
-            rows = [self._cells(i, text) for i, text in self._lines()]
+        if rows := self._rows_by_quantity():
             width = max(map(len, rows))
             columns = zip(*(row + [""] * (width - len(row)) for row in rows), strict=True)
             self._turned = [self.comma.join(column) for column in columns if any(column)]
             self._look()
 
-    def _is_turned(self) -> bool:
-        """Whether heads stand in the first column, and numbers in the first row."""
+    def _rows_by_quantity(self) -> list[list[str]]:
+        """The rows, if heads stand in the first column and numbers in the first row; else none."""
         first, *rest = self.heads
         numbers = rest and all(_PLAIN.fullmatch(cell) for cell in rest)
         if not numbers or _PLAIN.fullmatch(first) or self.n_rows >= _WIDE:
-            return False
+            return []
         rows = [self._cells(i, text) for i, text in self._lines()]
-        return not any(_PLAIN.fullmatch(row[0]) for row in rows if row)
+        return [] if any(_PLAIN.fullmatch(row[0]) for row in rows if row) else rows
 
     def _lines(self) -> Iterator[tuple[int, str]]:
         if self._turned:
