@@ -82,12 +82,16 @@ def test_demo(demo, run_script, tmp_path):
 
 @pytest.mark.smoke
 def test_form(run_script, tmp_path):
-    """README's form, and the documentation's, give the stiffness that E A / h says."""
+    """README's form, and the documentation's, give the stiffness that E A / h says.
+
+    README's goes on to modes, which `test_scripts_print_what_their_page_shows` compares.
+    """
     (whole,) = [b for b in blocks("python") if "uncoupled_layer" in b]
     (short,) = [b for b in blocks("python", REPOSITORY / "README.md") if "uncoupled_layer" in b]
     _, lift = whole.split("K.assemble()")
+    start, _ = short.split("K.assemble()")
     path = tmp_path / "form.py"
-    for script in (whole, f"import numpy as np\n{short}{lift}"):
+    for script in (whole, f"import numpy as np\n{start}K.assemble()\n{lift}"):
         path.write_text(script, encoding="utf-8")
         found, by_hand = numbers(run_script(path).replace("E A / h", ""))
         assert found == pytest.approx(863e6 * 0.08 * 0.08 / 0.5e-3, rel=1e-5)

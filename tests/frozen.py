@@ -216,7 +216,8 @@ def _readme(folder: Path) -> list[str]:
     """README's form, with the lift by hand that its longer version in the documentation has."""
     (whole,) = [b for b in _blocks("docs/forms.md") if PAGES["forms"] in b]
     (short,) = [b for b in _blocks("README.md") if PAGES["forms"] in b]
-    return _script(folder, f"import numpy as np\n{short}{whole.split('K.assemble()')[1]}")
+    start, lift = short.split("K.assemble()")[0], whole.split("K.assemble()")[1]
+    return _script(folder, f"import numpy as np\n{start}K.assemble()\n{lift}")
 
 
 def _page(page: str) -> Callable[[Path], list[str]]:

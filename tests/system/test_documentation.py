@@ -146,7 +146,7 @@ def test_case_files_in_pages_have_keys_that_exist(page):
 
 
 def _scripts():
-    for page in sorted((REPOSITORY / "docs").glob("*.md")):
+    for page in [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]:
         text = page.read_text(encoding="utf-8")
         for found in re.finditer(
             r"<!-- output: the script above -->\n\n```text\n(.*?)```", text, re.S
