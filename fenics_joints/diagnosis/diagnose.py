@@ -62,9 +62,9 @@ _PLACES = 240
 #: What a diagnosis does, in order.
 _STAGES = (
     "reduce the model, or read it from --keep: most of the time of a first run",
-    "weigh effects, one at a time and together",
-    "choose and fit again with data held out",
-    "locate the gap, and look for measurements that would tell more",
+    "compute the probability of each effect, alone and with others",
+    "repeat the choice and the fit with data held out",
+    "locate the error, and find the most useful further measurements",
 )
 
 
@@ -214,10 +214,10 @@ class _Answer:
         verdict, summary = confirm(verdict, summary, shrink)
         verdict, summary = with_strangers(verdict, summary, self.model.without_partner)
         ratios = leader.log_damping
-        self.progress.step("localising the gap")
+        self.progress.step("locating the error")
         plain = replace(self.model, evidence=self.evidence.as_it_is, data=self.data.as_it_is)
         location = locate_gap(plain, n_patches=self.given.diagnose.patches)
-        self.progress.step("looking for measurements that would split what this test cannot")
+        self.progress.step("looking for measurements that distinguish confusable effects")
         split, unsplit = separations(self.model, fits, grouped, leader)
         return Diagnosis(
             title=self.case.title,
@@ -325,8 +325,8 @@ class _Answer:
                 )
             )
         for label, words in (
-            (NO_GAP, "The nominal model, within tolerance, explains the test."),
-            (UNKNOWN, "Something that is not in the library."),
+            (NO_GAP, "The baseline model explains the test within its tolerances."),
+            (UNKNOWN, "A cause that is not in the library."),
         ):
             named = [f.hypothesis.name == label for f in fits]
             places.append(named.index(True))
@@ -349,7 +349,7 @@ class _Answer:
             for holds in causes.values()
         ]
         always = [f for f in fits if wrong(f)][:_WRONG] + [f for f in without if f is not None]
-        self.progress.step("holding data out, choosing and fitting anew", len(masks))
+        self.progress.step("holding data out, choosing and fitting again", len(masks))
         return cross_validate(
             fits,
             self.search.log_prior([f.hypothesis for f in fits]),

@@ -79,9 +79,9 @@ class Search:
             model.hypothesis((), name=UNKNOWN, unknown=True),
         ]
         alone = [effect for effect in model.effects if not effect.holds]
-        self.progress.step("solving for each effect all over its prior", len(alone))
+        self.progress.step("solving each effect across its prior", len(alone))
         self.library.solve(alone, model.comm, self.progress.advance)
-        self.progress.step("weighing one effect at a time", len(alone) + 2)
+        self.progress.step("evidence of single effects", len(alone) + 2)
         found = self._all([(h, None) for h in plain])
         self.library.floor = max(f.fit.log_evidence for f in found)
         found += self._singles([self._hypothesis((e,)) for e in alone], found[0])
@@ -97,7 +97,7 @@ class Search:
             if not own:
                 break
             waiting = [e for e in waiting if e not in own]
-            self.progress.step("weighing several of a kind at once", len(own))
+            self.progress.step("evidence of several effects of one kind", len(own))
             self.library.solve(own, model.comm, self.progress.advance)
             level = self._singles([self._hypothesis((e,)) for e in own], found[0])
             found += level
@@ -115,7 +115,7 @@ class Search:
 
     def _simulate(self, alone: Sequence[Effect]) -> Misattribution:
         """How often a cause outside the library is taken for one in it. Collective."""
-        self.progress.step("simulating tests whose cause is not in the library")
+        self.progress.step("simulating tests with a cause outside the library")
         model, test = self.model, self.model.evidence
         if model.not_nominal is not None:
             # Which of the model's modes they are differs from effect to effect.
@@ -178,7 +178,7 @@ class Search:
         library, test = self.library, self.model.evidence
         parents = self._near(level)[: _PARENTS if size == 2 else 3]
         effects = [f.fit.hypothesis.effects[0] for f in singles]
-        self.progress.step(f"a look at {size} effects at a time", len(parents))
+        self.progress.step(f"screening sets of {size} effects", len(parents))
 
         def work(parent):
             self.progress.advance()
@@ -201,7 +201,7 @@ class Search:
         options = list(sets.values())
         scores = np.array([score for score, _, _ in options])
         order, found = near_best(scores, np.inf, _SETS), []
-        self.progress.step(f"weighing {size} effects at a time", len(order))
+        self.progress.step(f"evidence of sets of {size} effects", len(order))
         while len(order) and scores[order[0]] > best - _MARGIN:
             some, order = order[:_FIRST], order[_FIRST:]
             found += self._all([options[i][1:] for i in some if scores[i] > best - _MARGIN])
@@ -220,7 +220,7 @@ class Search:
         scores = self.scores([f.fit for f in found])
         if np.sum(scores > scores[near[0]] - _SAMPLED) < 2:
             return found
-        self.progress.step("weighing what leads by sampling", len(near))
+        self.progress.step("evidence of the best hypotheses by sampling", len(near))
         return self._again(found, near, lambda f: self.library.sampled(f, self.model.evidence))
 
     def _again(
@@ -280,7 +280,7 @@ class Search:
         leading = self._leading(found, _AGAIN)
         named = [i for i, f in enumerate(found) if f.fit.hypothesis.name]
         near = sorted({*leading, *named})
-        self.progress.step("weighing by the better model", len(near))
+        self.progress.step("evidence with the improved model", len(near))
         return self._again(found, near, lambda f: self.library.renewed(f, self.model.evidence))
 
     def lowest(self, f: Fit) -> dict[str, float]:

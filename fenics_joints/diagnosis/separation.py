@@ -91,7 +91,7 @@ def separations(
             best = best_measurement(model, leader, rival)
         except JointsError as error:
             failed.append(
-                f"No measurement is offered that would split class {name} "
+                f"No measurement is proposed to distinguish the effects of class {name} "
                 f"({', '.join(members.values())}): {error}"
             )
             continue
@@ -193,7 +193,7 @@ def added_mass(a: Modes, b: Modes, pairs: MatchedPairs, sensors, sd: float) -> l
     change = shifts[0] - shifts[1]
     best = int(np.argmax(np.linalg.norm(change, axis=1)))
     at = point_mm(sensors.points[best])
-    name = f"the shifts by a known mass of {1e3 * mass:.0f} g added at {at} mm"
+    name = f"the frequency shifts due to a known mass of {1e3 * mass:.0f} g at {at} mm"
     return [_candidate(name, change[best], sd)]
 
 

@@ -63,8 +63,8 @@ def decide(
     listed = 1.0 - other
     if by_label.get(NO_GAP, 0.0) > max(0.5 * listed, other):
         return "no gap", (
-            "The nominal model, with its parts within tolerance, explains the test to within "
-            "noise: there is no gap to explain."
+            "The baseline model, with its parts within tolerance, explains the test to within "
+            "noise: there is no error to explain."
         )
     if other > 0.5 or leader.p_value < MISFIT:
         return "unknown", _no_effect(leader, after, at_once)
@@ -73,7 +73,7 @@ def decide(
         said = "; and ".join(f"{_sentence(name)} ({shown(classes[name])})" for name in sure)
         maybe = [n for n, p in classes.items() if p >= (1 - _SURE) * listed and n not in sure]
         tail = f" Perhaps also: {'; '.join(maybe)}." if maybe else ""
-        return CAUSE, f"The gap comes from {said}.{tail}"
+        return CAUSE, f"The error comes from {said}.{tail}"
     rated = {**classes, NO_GAP: by_label.get(NO_GAP, 0.0), UNKNOWN: other}
     first = sorted(rated.items(), key=lambda item: -item[1])[:3]
     named = [f"{name} ({shown(p)})" for name, p in first]
@@ -158,10 +158,10 @@ def with_strangers(verdict: str, summary: str, names: Sequence[str]) -> tuple[st
     """
     if not names:
         return verdict, summary
-    rest = f"{', '.join(names)}: no mode of the model matches it, with or without an effect"
+    rest = f"{', '.join(names)}, as no mode of the model matches, with or without an effect"
     if verdict != "no gap":
         return verdict, f"{summary} Left out: {rest}."
-    return "unknown", f"The nominal model explains all that was measured except {rest}."
+    return "unknown", f"The baseline model explains all measured modes except {rest}."
 
 
 def unconfirmed(s: Shrinkage | None) -> str:
@@ -169,22 +169,22 @@ def unconfirmed(s: Shrinkage | None) -> str:
     if s is None or not s.folds or not np.isfinite(s.after):
         return "nothing could be held out"
     if s.after >= s.before:
-        return f"the gap on them grows from {percent(s.before)} to {percent(s.after)}"
+        return f"their error grows from {percent(s.before)} to {percent(s.after)}"
     if not np.isfinite(s.before):
-        return "the nominal model has none of these modes, so that no gap closes"
+        return "the baseline model has none of these modes, so there is no error to reduce"
     if not np.isfinite(s.shrink):
-        return "the nominal model is already as good on them as noise allows"
+        return "the baseline model already predicts them as well as noise allows"
     if s.shrink_interval[0] <= 0:
         return (
-            f"that the gap on them goes from {percent(s.before)} to {percent(s.after)} may be "
-            "chance"
+            f"the reduction of their error from {percent(s.before)} to {percent(s.after)} may be "
+            "due to chance"
         )
     if not s.claimed:
-        return "the best wrong effect does nearly as well on them"
+        return "the placebo predicts them nearly as well"
     if s.shrink < _MOST_OF_IT:
         return (
-            f"the gap on them goes from {percent(s.before)} to {percent(s.after)} where noise "
-            f"allows {percent(s.noise)}: less than half of the possible reduction"
+            f"their error falls from {percent(s.before)} to {percent(s.after)} where noise allows "
+            f"{percent(s.noise)}: less than half of the possible reduction"
         )
     return f"they are not surely more probable with {' or '.join(unproved(s))} than without"
 
@@ -210,7 +210,7 @@ def label_of(members: Sequence[EffectResult]) -> str:
     Args:
         members: Its effects, the most probable first.
     """
-    return members[0].name + (" (or its like)" if len(members) > 1 else "")
+    return members[0].name + (" (or a confusable effect)" if len(members) > 1 else "")
 
 
 def sure_classes(classes: dict[str, float], unknown: float) -> list[str]:
@@ -249,19 +249,19 @@ def _no_effect(leader: Fit, after: Gap, at_once: float | None) -> str:
     p = _p(leader.p_value)
     if leader.p_value < MISFIT:
         words = (
-            f"No effect of the library explains the test. The best of them, {best}, which noise "
-            f"and model error do not explain {p}."
+            f"No effect of the library explains the test. The best of them, {best} of error, which "
+            f"noise and model error do not explain {p}."
         )
         if at_once is None:
             return words
         if at_once < MISFIT:
-            rest = "something of another kind is there"
-            return f"{words} Nor do all of its effects at once {_p(at_once)}: {rest}."
-        rest = "it can also be several that are in it"
-        return f"{words} All of its effects at once may {_p(at_once)}: {rest}."
+            rest = "the cause is of another kind"
+            return f"{words} Nor do all effects of the library at once {_p(at_once)}: {rest}."
+        rest = "several of them may act together"
+        return f"{words} All effects of the library at once may {_p(at_once)}: {rest}."
     return (
         "No effect of the library is as probable as a cause that is not in it. The best of them, "
-        f"{best}, as noise and model error may {p}."
+        f"{best} of error, which noise and model error can explain {p}."
     )
 
 

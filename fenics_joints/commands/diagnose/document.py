@@ -16,11 +16,13 @@ from fenics_joints.commands.diagnose.words import (
     by_effect,
     change_words,
     effect_classes,
+    effect_name,
     group_words,
     heading_of,
     joined,
     leading,
     named,
+    parameter_name,
     parameter_words,
     silent_blocks,
     value_words,
@@ -31,7 +33,7 @@ from fenics_joints.diagnosis.evidence.classes import APART, confusion
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis, HypothesisResult
 from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
-from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
+from fenics_joints.diagnosis.verdict import NAMED, NO_GAP, UNKNOWN
 from fenics_joints.diagnosis.where.score_tests import ScoreTest
 from fenics_joints.formatting import (
     LIMITS,
@@ -43,7 +45,6 @@ from fenics_joints.formatting import (
     p_value,
     percent,
     probability,
-    spaced,
 )
 from fenics_joints.report import document as doc
 from fenics_joints.report import patch_map
@@ -68,63 +69,81 @@ _STYLES = {
     "ambiguous": "bold yellow",
 }
 _TERMS = (
+    ("Baseline model", "The model of the case, before any effect is added."),
     (
-        "Gap",
-        "Root mean square of (model frequency / measured frequency - 1) over all modes and "
+        "Error",
+        "Root mean square (RMS) of (model frequency / measured frequency - 1) over all modes and "
         "conditions.",
     ),
     (
-        "Misfit",
-        "The same differences by standard deviations of noise, tolerances and what any model errs, "
-        "squared and summed.",
+        "Chi-square",
+        "Sum of the squared errors, each divided by the variance that noise, tolerances and model "
+        "error give it.",
+    ),
+    (
+        "Effect, cause",
+        "Something real that the baseline model lacks, such as a compliant joint. An effect that "
+        "is probable enough is called a cause.",
+    ),
+    (
+        "Class",
+        "Effects that this test cannot distinguish. Only the probability of the class counts.",
     ),
     (
         "Leading hypothesis",
-        "The effect, or effects together, with the highest probability: what is fitted on this "
-        "page.",
+        "The effect, or the effects together, with the highest probability. This page shows its "
+        "fit.",
     ),
     (
         "Held out",
-        "Data put aside while the cause was chosen and fitted, then predicted. A fit that only "
-        "bends itself to the data fails here.",
+        "Data that were set aside while the cause was chosen and fitted, and then predicted. A "
+        "model that is only fitted to the data fails here.",
     ),
     (
-        "Best wrong effect",
-        "The best other effect, given the same chance on the same data. A cause must beat it, for "
-        "any added freedom shrinks a gap somewhat.",
+        "Placebo",
+        "The best alternative explanation without the cause, fitted to the same data. A cause must "
+        "do better, since any added parameter reduces the error somewhat.",
     ),
-    ("Noise", "What the test cannot resolve. No model can be shown to be better than this."),
+    (
+        "Noise",
+        "Scatter that repeating the test would show. The noise floor of held-out data has also the "
+        "scatter of the preload. No model can do better.",
+    ),
     (
         "S*",
-        "The share of the gap beyond noise that is gone, (nominal - chosen) / (nominal - noise), "
-        "on held-out data.",
+        "Share of the held-out error beyond noise that is gone: (baseline - with the cause) / "
+        "(baseline - noise floor).",
     ),
     (
-        "By chance",
-        "p: how often noise, tolerances and the error of any model alone would make as much. "
-        "Adjusted p: among all that were tested (Holm).",
+        "p",
+        "How often noise, tolerances and model error alone give as large a chi-square. Adjusted p: "
+        "corrected for the number of places tested (Holm).",
+    ),
+    (
+        "Outer zone",
+        "The part of a joint outside the zones around its bolts; the inner zone is around them.",
     ),
 )
 _LINEAR = {
-    True: "The structure is linear at each level and lightly damped; what changes with the level "
-    "follows a power of it, and the level moves the joint by a factor of its own in each mode. "
-    "What changes from level to level beside that (drift) has a size that the data infer, of "
-    "frequencies and of damping.",
-    False: "The structure is linear and undamped; a joint's stiffness follows a power law of the "
-    "preload.",
+    True: "The structure is linear at each level and lightly damped. Changes with the level follow "
+    "a power law, and the level moves the joint by another factor in each mode. Other changes from "
+    "level to level (drift) have a size that is inferred from the data, for frequencies and for "
+    "damping.",
+    False: "The structure is linear and undamped; the stiffness of a joint follows a power law of "
+    "the preload.",
 }
 _ASSUMPTIONS = (
     "Errors of the test are normal in the logarithm of frequency, with the noise and resolution "
-    "that the case file states; every model of the structure has besides an error of its own, the "
-    "same at all conditions for a mode.",
-    "The ranges of the parameters were set from physics before the test was looked at, and the "
-    "probabilities hold among the listed effects and none of these. How often a cause outside the "
-    "library looks like one inside is taken from simulated tests with known causes.",
-    "Probabilities come from sums over Gaussian cells of each prior, in each of which the model is "
-    "linear about its own most probable point; cells that count are split until the evidence moves "
-    "by less than 0.1.",
-    "Tests of regions take the model as linear in small changes about the nominal one; the parts "
-    "overlap, so that the intervals of S* are a guide.",
+    "that the case file states. Every model of the structure has an additional error, the same at "
+    "all conditions for a mode.",
+    "The ranges of the parameters come from physics, not from this test. The probabilities hold "
+    "among the listed effects and a cause outside the library. How often such a cause is mistaken "
+    "for an effect of the library is measured in simulated tests with known causes.",
+    "Probabilities are sums over Gaussian cells of each prior. In each cell the model is linear "
+    "about its most probable point; cells that count are split until the evidence changes by less "
+    "than 0.1.",
+    "Tests of regions take the model as linear in small changes about the baseline. The held-out "
+    "parts overlap, so the intervals of S* are approximate.",
 )
 
 
@@ -149,7 +168,7 @@ def diagnosis_document(
         [
             verdict,
             doc.Remarks("Before you rely on it", words.doubts, "but: ", id="doubts"),
-            doc.OnTerminal([_gap_table(d)]),
+            doc.OnTerminal([_error_table(d)]),
             doc.OnPage(
                 [
                     *_map(d.location),
@@ -172,8 +191,8 @@ def diagnosis_document(
             *_held_out(d),
             doc.Figure(
                 lambda: level_panels(d, log_sd),
-                "The same over the level, without the nominal model, whose distance hides how the "
-                "modes change.",
+                "The same over the level, without the baseline model, whose distance would hide "
+                "how the modes change.",
             ),
             *_validation(d),
             _frequencies(d, log_sd),
@@ -181,7 +200,7 @@ def diagnosis_document(
             *_next(d),
             doc.Heading("What this rests on", "rests-on"),
             doc.Folded(
-                "What was stated beforehand, the model, what was free in any case, and assumptions",
+                "Statements of the case, the model, tolerances, and assumptions",
                 [*_stated(d, assumed), *([] if lead is None else _nuisances(lead)), *_taken(d)],
             ),
             doc.OnTerminal([doc.Remarks("", notes)]),
@@ -193,21 +212,26 @@ def diagnosis_document(
 def _keys(d: Diagnosis) -> list[tuple[str, str, str]]:
     lead = leading(d)
     fitted = "" if lead is None else f": {named(lead)}"
-    wrong = f", {d.placebo}" if d.placebo else ""
-    nominal = error_percent(d.heldout_before)
+    wrong = f" ({_label(d.placebo)})" if d.placebo else ""
+    before = error_percent(d.heldout_before)
     rows = (
-        ("before", d.before.rms, "gap of the nominal model"),
-        ("after", d.after.rms, f"gap with the leading hypothesis fitted{fitted}"),
-        ("heldout", d.heldout_after, f"gap on held-out data, predicted (nominal {nominal})"),
-        ("placebo", d.placebo_after, f"the same with the best wrong effect{wrong}"),
-        ("noise", d.noise, "noise of the measurement itself"),
+        ("before", d.before.rms, "error of the baseline model"),
+        ("after", d.after.rms, f"error of the leading hypothesis, fitted{fitted}"),
+        ("heldout", d.heldout_after, f"its error on held-out data (baseline {before})"),
+        ("placebo", d.placebo_after, f"error of the placebo on held-out data{wrong}"),
+        ("noise", d.noise, "measurement noise"),
     )
     return [(f"gap-{id}", error_percent(gap), words) for id, gap, words in rows]
 
 
+def _label(label: str) -> str:
+    """A hypothesis' label, names of effects with + between them, for people."""
+    return " + ".join(map(effect_name, label.split(" + ")))
+
+
 def _gaps(d: Diagnosis) -> list[tuple[str, float, float, float]]:
-    """Gaps of the nominal model, of the best wrong effect and of the chosen one, by the data; nan
-    where there is none."""
+    """Errors of the baseline model, of the placebo and with the cause, by the data; nan where there
+    is none."""
     rows = [
         ("All data, fitted", d.before.rms, np.nan, d.after.rms),
         ("Held-out data, predicted", d.heldout_before, d.placebo_after, d.heldout_after),
@@ -219,8 +243,9 @@ def _gaps(d: Diagnosis) -> list[tuple[str, float, float, float]]:
     return rows
 
 
-def _gap_table(d: Diagnosis) -> doc.Table:
-    table = doc.Table("gap (RMS relative error) | >nominal | >best wrong | >chosen")
+def _error_table(d: Diagnosis) -> doc.Table:
+    last = "with the cause" if d.verdict in NAMED else "best fit"
+    table = doc.Table(f"RMS relative error | >baseline | >placebo | >{last}")
     for name, *gaps in _gaps(d):
         cells = ("" if np.isnan(gap) else error_percent(gap) for gap in gaps)
         table.add(name, *cells, style="lead" if name.startswith("Held") else "")
@@ -246,38 +271,38 @@ def _map(found: Location | None) -> list:
     little = (
         ""
         if patches.significant.any()
-        else (" None explains more than chance: the colours say little.")
+        else (" No patch explains more than chance: the colours mean little.")
     )
     caption = (
-        f"{seen} The colour is the share of the misfit that a change of stiffness or mass in a "
-        "patch alone explains, against noise and tolerances: red where the patch is softer or "
-        f"heavier than in the model, blue where it is stiffer or lighter.{little}"
+        f"{seen} The colour is the share of chi-square that a change of stiffness or mass in this "
+        "patch alone explains: red where the patch is softer or heavier than in the model, blue "
+        f"where it is stiffer or lighter.{little}"
     )
     return [doc.View(diagnosis_view(patches), [doc.Figure(lambda: draw(patches), caption)])]
 
 
 def _regions(d: Diagnosis) -> doc.Table:
     table = doc.Table(
-        "where | >share | ",
-        caption="What a change in each region explains of the misfit: the most probable region "
-        "first, then the next of what is left; all of them and the rest make 100 %",
+        "region | >share of chi-square | ",
+        caption="Share of chi-square that a change in each region explains: the most probable "
+        "region first, then the next of the remainder; the sum is 100 %",
         id="shares",
         most=_REGIONS,
     )
     for zone in d.where:
         style = "dim" if zone.region == "unexplained" else ""
-        table.add(spaced(zone.region), percent(zone.share, 1), doc.bar(zone.share), style=style)
+        table.add(zone_words(zone.region), percent(zone.share, 1), doc.bar(zone.share), style=style)
     return table
 
 
 def _places(found: Location | None, condition: tuple[str, str]) -> list[doc.Folded]:
-    """Tests of regions and zones, and in which data the misfit is."""
+    """Tests of regions and zones, and the data with the largest errors."""
     if found is None:
         return []
     how = (
-        "Each place was tested by itself: what of the misfit a change of its stiffness or mass "
-        "alone explains, and whether what it leaves is no more than chance. Places stand in the "
-        "order of their evidence: of a change of the expected size against none."
+        "Each place was tested alone: how much of chi-square a change of its stiffness or mass "
+        "explains, and whether the rest is no more than chance. Places are listed by evidence for "
+        "a change of the expected size."
     )
     tests = [
         ("tests", "Regions of the model: tests against chance", found.regions, [doc.Text(how)]),
@@ -291,24 +316,24 @@ def _places(found: Location | None, condition: tuple[str, str]) -> list[doc.Fold
     axes = _axes(found, condition)
     if axes:
         words = (
-            "The squared misfit of the nominal model in standard deviations, and what chance alone "
-            "would make. Each row counts what it adds to the rows above it."
+            "Chi-square of the baseline model, and its value by chance alone. Each row counts what "
+            "it adds to the rows above it."
         )
         blocks.append(
-            doc.Folded("In which data the misfit is", [doc.Text(words), doc.Beside("pair", axes)])
+            doc.Folded("In which data the error is", [doc.Text(words), doc.Beside("pair", axes)])
         )
     return blocks
 
 
 def _score_tests(id: str, caption: str, tests: Sequence[ScoreTest]) -> doc.Table:
     table = doc.Table(
-        "where | most probably | >explains |  | >adjusted p | >p of the rest | >ln evidence",
+        "place | change | >explains |  | >adjusted p | >p of the rest | >ln evidence",
         caption=caption,
         id=id,
     )
     for t in sorted(tests, key=lambda t: -t.log_evidence):
         if not t.dof:
-            table.add(zone_words(t.zone), "not seen by this test", style="dim")
+            table.add(zone_words(t.zone), "not visible to this test", style="dim")
             continue
         table.add(
             zone_words(t.zone),
@@ -331,7 +356,7 @@ def _axes(found: Location, condition: tuple[str, str]) -> list[doc.Table]:
         if len(rows) < 2:
             continue
         whole = sum(a.chi2 for a in rows)
-        table = doc.Table([f"by {name}", ">misfit", ">by chance", ">p", ""], kind="axis")
+        table = doc.Table([f"by {name}", ">chi-square", ">by chance", ">p", ""], kind="axis")
         for a in rows:
             numbers = (f"{a.chi2:.1f}", str(a.expected), p_value(a.p))
             table.add(group_words(a, condition[1]), *numbers, doc.bar(a.chi2 / whole))
@@ -342,14 +367,14 @@ def _axes(found: Location, condition: tuple[str, str]) -> list[doc.Table]:
 def _errors(d: Diagnosis) -> doc.Folded:
     """Errors by mode and condition, on one scale of colours."""
     largest = largest_error(d.before, d.after)
-    pairs = (("Nominal model", d.before), ("Leading hypothesis", d.after))
+    pairs = (("Baseline model", d.before), ("Leading hypothesis", d.after))
     tables = [
         heat_table(name, gap, d.condition, largest=largest, row_names=d.row_names)
         for name, gap in pairs
     ]
     words = (
-        "Red: the model is too stiff (or too light). Blue: too soft (or too heavy). Both tables "
-        "share one colour scale."
+        "Red: the model is too stiff or too light. Blue: too soft or too heavy. Both tables have "
+        "the same colour scale."
     )
     summary = f"Errors by mode and {d.condition[0]}, before and after"
     return doc.Folded(summary, [doc.Text(words), doc.Beside("pair", tables)])
@@ -361,13 +386,13 @@ def _errors(d: Diagnosis) -> doc.Folded:
 def _effects(d: Diagnosis) -> list:
     """All effects by class; the improbable ones folded away."""
     words = (
-        "Each effect was put into the model with its physically likely range, alone and together "
-        "with others, and fitted. Its probability weighs how well it explains the test against how "
-        "freely it had to be tuned. Effects that this test cannot tell apart form one class: "
-        f"believe the class's number, not the split within it. {LIMITS}"
+        "Each effect was added to the model within its physically likely range, alone and together "
+        "with others, and fitted. Its probability rewards a good fit and penalises needless "
+        "freedom. Effects that this test cannot distinguish form one class: rely on the "
+        f"probability of the class, not on the split within it. {LIMITS}"
     )
     caption = (
-        "Probability that an effect is at work; several may be, so the numbers need not add up to "
+        "Probability that an effect is present; several may be, so the numbers need not add up to "
         "100 %"
     )
     classes = effect_classes(d)
@@ -382,16 +407,16 @@ def _effects(d: Diagnosis) -> list:
 
 
 def _effect_table(id: str, caption: str, classes: Sequence[EffectClass]) -> doc.Table:
-    names = ("which effect", "class", ">probability", "", "in this test")
+    names = ("effect", "class", ">probability", "", "in this test")
     table = doc.Table(names, caption=caption, id=id, most=_EFFECTS, page_columns=1)
     for group in classes:
         style, indent, p = "" if table.rows else "lead", 0, group.probability
         if group.letter:
-            name, indent = f"one of these {len(group.effects)}", 2
+            name, indent = f"any of these {len(group.effects)}", 2
             table.add(name, group.letter, probability(p), doc.bar(bounded(p)), "", style=style)
             style = ""
         for e in group.effects:
-            seen = "visible" if e.detectable else "too small to see"
+            seen = "detectable" if e.detectable else "too small to detect"
             if e.name in (NO_GAP, UNKNOWN):
                 seen = MISSING
             table.add(
@@ -415,7 +440,7 @@ def _fitted(d: Diagnosis) -> list[doc.Table]:
             by_effect(lead.parameters),
             f"Fitted in the leading hypothesis, {named(lead)}",
             "fitted",
-            "none of its own",
+            "no parameter",
         )
     ]
 
@@ -423,34 +448,34 @@ def _fitted(d: Diagnosis) -> list[doc.Table]:
 def _parameters(
     effects: Sequence[tuple[str, list[dict]]], caption: str, id: str, nothing: str
 ) -> doc.Table:
-    names = ("effect", "fitted", ">value", ">68 % interval", ">from expected, s.d.")
+    names = ("effect", "parameter", ">value", ">68 % interval", ">from expected, s.d.")
     table = doc.Table(names, caption=caption, id=id, most=_PARAMETERS, page_columns=1)
     for effect, rows in effects:
         for p in rows:
             sigmas = p["prior_sigmas"]
             far = "flag" if p["nuisance"] and abs(sigmas) > FAR else ""
             off = doc.Cell(f"{sigmas:+.2f}", kind=far)
-            table.add(with_place(effect), p["name"], *value_words(p), off)
+            table.add(with_place(effect), parameter_name(p), *value_words(p), off)
     if not table.rows:
         table.add(nothing)
     return table
 
 
 def _hypotheses(d: Diagnosis) -> doc.Folded:
-    """All hypotheses: evidence, gap, p-value, fitted parameters."""
+    """All hypotheses: evidence, error, p-value, fitted parameters."""
     lead, best = leading(d), max((h.log_evidence for h in d.hypotheses), default=0.0)
     shown, rest = d.hypotheses[:_MOST_HYPOTHESES], d.hypotheses[_MOST_HYPOTHESES:]
     words = (
         "Evidence is the probability of the measured data under a hypothesis, averaged over the "
-        "range its parameters may have: a good fit raises it, needless freedom lowers it. Three "
-        "units of ln evidence are odds of 20 to 1. The p-value is how often a misfit as large as "
-        "this would come about if the hypothesis were right; below 1 % it fails, whatever its rank."
+        "range of its parameters: a good fit raises it, needless freedom lowers it. Three units of "
+        "ln evidence are odds of 20 to 1. The p-value is how often chi-square would be as large if "
+        "the hypothesis were right; below 1 % the hypothesis fails, whatever its rank."
     )
     table = doc.Table(
-        "hypothesis | >probability | >ln evidence | >below best | >gap | >p-value | "
+        "hypothesis | >probability | >ln evidence | >below best | >error | >p-value | "
         "at a limit of its range",
         caption=f"The {len(shown)} most probable of {len(d.hypotheses)}, with their fitted "
-        "parameters (68 % interval); the leading one, whose gap and frequencies this page shows, "
+        "parameters (68 % interval); the leading one, whose error and frequencies this page shows, "
         "in bold",
         id="hypotheses",
     )
@@ -472,8 +497,9 @@ def _hypotheses(d: Diagnosis) -> doc.Folded:
     blocks = [doc.Text(words), table]
     if rest:
         total = probability(sum(h.probability for h in rest))
-        blocks.append(doc.Text(f"{len(rest)} more hypotheses have {total} together.", "note"))
-    return doc.Folded("All hypotheses: evidence, gap, p-value, fitted parameters", blocks)
+        words = f"The other {len(rest)} hypotheses have a probability of {total} together."
+        blocks.append(doc.Text(words, "note"))
+    return doc.Folded("All hypotheses: evidence, error, p-value, fitted parameters", blocks)
 
 
 # -- how far ---------------------------------------------------------------------------------------
@@ -485,12 +511,13 @@ def _held_out(d: Diagnosis) -> list:
     if s is None or not s.folds:
         return [doc.OnPage([doc.Text("Nothing could be held out.")])]
     how = (
-        "Each row puts some data aside, chooses and fits without them, states what they will show, "
-        "and is then scored on them. Chosen is what was chosen without that part."
+        "In each row some data are held out: the cause is chosen and fitted without them, their "
+        "error is predicted, and only then compared. The last column has the effects that were "
+        "chosen without these data."
     )
     caption = (
-        "Bars were stated before the held-out data were looked at; the round points should lie in "
-        "nine of ten of them, or to the left, which is better than stated."
+        "Bars are intervals predicted before the held-out data were compared. Nine of ten round "
+        "points should lie in them, or to the left, which is better than predicted."
     )
     blocks = [
         doc.Text(how),
@@ -498,14 +525,14 @@ def _held_out(d: Diagnosis) -> list:
         _folds(s, d.placebo),
         _shrinkage(s),
     ]
-    summary = "Held-out data part by part, and how much of the gap beyond noise is gone"
+    summary = "Held-out data part by part, and how much of the error beyond noise is gone"
     return [doc.Folded(summary, blocks)]
 
 
 def _folds(s: Shrinkage, placebo: str) -> doc.Table:
     table = doc.Table(
-        "held out | >points | >nominal | >chosen | >stated before | >best wrong | >noise | >S* | "
-        "chosen effects",
+        "held out | >points | >baseline | >with the cause | >predicted interval | >placebo | "
+        ">noise floor | >S* | chosen effects",
         caption="Held-out data, part by part; intervals of 90 %",
         id="folds",
     )
@@ -521,36 +548,36 @@ def _folds(s: Shrinkage, placebo: str) -> doc.Table:
         low, high = map(error_percent, f.predicted_after)
         ended = ": better" if f.better else "" if f.covered else ": missed"
         stated = doc.Cell(f"{low} to {high}{ended}", kind="" if f.held else "flag")
-        add(f.name, f.n, f, stated, f.chosen)
-    total, wrong = sum(f.n for f in s.folds), f"best wrong: {placebo or MISSING}"
+        add(f.name, f.n, f, stated, _label(f.chosen))
+    total, wrong = sum(f.n for f in s.folds), f"placebo: {_label(placebo) or MISSING}"
     add("together", total, s, doc.Cell(), wrong, style="lead", foot=True)
     return table
 
 
 def _shrinkage(s: Shrinkage) -> doc.Table:
-    caption = "How much of the gap beyond noise is gone, with what was stated before"
+    caption = "How much of the error beyond noise is gone, and how good the predictions were"
     table = doc.Table(" | >share | >90 % interval", caption=caption, id="shrinkage")
     for name, share, span in (
-        ("S*, the chosen effects", s.shrink, s.shrink_interval),
-        ("the same of the best wrong effect", s.placebo_shrink, s.placebo_interval),
-        ("excess", s.excess, s.excess_interval),
+        ("S* with the cause", s.shrink, s.shrink_interval),
+        ("S* of the placebo", s.placebo_shrink, s.placebo_interval),
+        ("difference", s.excess, s.excess_interval),
     ):
         low, high = (number(x, 2) for x in span)
-        style = "lead" if name == "excess" else ""
+        style = "lead" if name == "difference" else ""
         table.add(name, number(share, 2), f"{low} to {high}", style=style)
     better = f" ({percent(s.better, 0)} better)" if s.better else ""
     for name, share in (
-        (f"parts in the interval stated before, or better{better}", s.coverage),
-        ("held-out frequencies in theirs", s.entries_coverage),
+        (f"parts in their predicted interval, or better{better}", s.coverage),
+        ("held-out frequencies in their predicted interval", s.entries_coverage),
     ):
-        table.add(name, percent(share, 0), "90 % asked")
+        table.add(name, percent(share, 0), "90 % expected")
     return table
 
 
 def _validation(d: Diagnosis) -> list[doc.Folded]:
     if d.validation is None:
         return []
-    names = ("nominal", "leading hypothesis")
+    names = ("baseline", "leading hypothesis")
     table = frequency_table("Validation", *d.validation, d.condition, names)
     title = "Validation: data that were never fitted and never used to choose"
     return [doc.Folded(title, [table], "validation")]
@@ -564,19 +591,19 @@ def _frequencies(d: Diagnosis, log_sd: np.ndarray | None) -> doc.Folded:
             d.before,
             d.after,
             d.condition,
-            labels=("nominal model", "leading hypothesis"),
+            labels=("baseline model", "leading hypothesis"),
             log_sd=log_sd,
             validation=d.validation,
             changed=np.array([bool(name) for name in d.row_names]) if d.row_names else None,
         )
 
     caption = "All frequencies, Hz, and relative errors"
-    names = ("nominal", "leading hypothesis")
+    names = ("baseline", "leading hypothesis")
     blocks = [
         doc.Figure(
             curves,
-            "Points are measured, lines are modelled. Where the test's resolution is coarse, its "
-            "points step.",
+            "Points are measured, lines are modelled. Steps in the points come from the frequency "
+            "resolution of the test.",
         ),
         frequency_table(caption, d.before, d.after, d.condition, names, d.row_names),
     ]
@@ -600,31 +627,31 @@ def _frequencies(d: Diagnosis, log_sd: np.ndarray | None) -> doc.Folded:
 
 
 def _next(d: Diagnosis) -> list:
-    """Measurements that would split a class, and what this test says nothing about."""
+    """Measurements that would distinguish a class, and effects that this test cannot show."""
     letters = {c.name: c.letter for c in effect_classes(d)}
     lines = [
-        f"To tell class {letters.get(s.class_name) or s.class_name} ({'; '.join(s.members)}) "
-        f"apart: {s.measurement}, up to {s.distance:.1f} standard deviations, "
-        f"{probability(confusion(s.distance))} confusion"
-        f"{', the best there is, but not enough alone' if s.distance < APART else ''}."
+        f"To distinguish class {letters.get(s.class_name) or s.class_name} "
+        f"({'; '.join(map(_label, s.members))}), measure {s.measurement}: up to {s.distance:.1f} "
+        f"standard deviations, {probability(confusion(s.distance))} confusion"
+        f"{', not enough alone' if s.distance < APART else ''}."
         for s in d.separations
     ]
     more = (
-        "fenics-joints diagnose --plan says for every effect, likely or not, which added "
-        "measurement would tell it from the others."
+        "fenics-joints diagnose --plan names, for every effect, the added measurement that would "
+        "best distinguish it from the others."
     )
     if not lines:
-        more = f"No likely class of effects has several members to be split. {more}"
+        more = f"No likely class of effects has several members. {more}"
     first, rest = map(doc.Text, lines[:_SPLITS]), map(doc.Text, lines[_SPLITS:])
     return [*first, doc.OnPage([*rest, doc.Text(more, "note")]), *silent_blocks(d.silent)]
 
 
 def _stated(d: Diagnosis, assumed: Sequence[tuple[str, str]]) -> list[doc.Table]:
-    """What the case states, and facts on the model; the error of a reduced one among them."""
+    """Statements of the case, and facts on the model; the error of a reduced one among them."""
     facts = {key: value for key, value in d.model.items() if key not in _SHOWN}
     if "basis" in facts:
         facts["frequency_error"] = d.model_error
-    caption = "Stated by the case file before the test was looked at"
+    caption = "Stated by the case file"
     table = doc.Table(" | ", caption=caption, id="assumed")
     for name, value in assumed:
         table.add(name, value)
@@ -634,16 +661,16 @@ def _stated(d: Diagnosis, assumed: Sequence[tuple[str, str]]) -> list[doc.Table]
 def _nuisances(lead: HypothesisResult) -> list:
     """Fitted values of the nuisances."""
     words = (
-        "Known only within a tolerance, these were free in every hypothesis. One that ends more "
-        f"than {number(FAR, 2)} standard deviations from its expected value is marked: then "
-        "something else may be at work."
+        "These quantities are known within a tolerance and free in every hypothesis. One that ends "
+        f"more than {number(FAR, 2)} standard deviations from its expected value is marked: then "
+        "another cause may be present."
     )
     rows = [(p["effect"], [p]) for p in lead.parameters if p["nuisance"]]
     limits = ", ".join(lead.at_bound) or "none"
     return [
-        doc.Heading("Uncertain in any case", level=3),
+        doc.Heading("Tolerances", level=3),
         doc.Text(words),
-        _parameters(rows, f"Where they ended under {named(lead)}", "nuisances", "none"),
+        _parameters(rows, f"Their fitted values with {named(lead)}", "nuisances", "none"),
         doc.Text(f"Parameters at a limit of their range: {limits}."),
     ]
 

@@ -15,7 +15,7 @@ from fenics_joints.report.style import CHOSEN, INK, NOISE, NOMINAL, PLACEBO, dra
 
 #: What was stated before, behind what was found.
 _STATED = "#b9d4ea"
-#: Relative gap at which a bar ends: a longer one would hide the others.
+#: Relative error at which a bar ends: a longer one would hide the others.
 _LONGEST = 1.0
 
 
@@ -65,17 +65,17 @@ def _legend() -> list:
         return Line2D([], [], ls="", marker=symbol, ms=6.5, color=colour, label=label)
 
     return [
-        mark("s", NOMINAL, "nominal model"),
-        mark("X", PLACEBO, "best wrong effect"),
-        mark("o", CHOSEN, "chosen without these data"),
-        Patch(color=_STATED, label="stated for it before (90 %)"),
+        mark("s", NOMINAL, "baseline model"),
+        mark("X", PLACEBO, "placebo"),
+        mark("o", CHOSEN, "cause chosen without these data"),
+        Patch(color=_STATED, label="its predicted interval (90 %)"),
         Line2D([], [], color=NOISE, lw=1.8, label="noise"),
     ]
 
 
 def _in_words(s: Shrinkage) -> str:
     rows = [
-        f"{f.name}: {error_percent(f.before)} to {error_percent(f.after)}, stated "
+        f"{f.name}: {error_percent(f.before)} to {error_percent(f.after)}, predicted "
         f"{error_percent(f.predicted_after[0])} to {error_percent(f.predicted_after[1])}"
         for f in s.folds
     ]
@@ -83,14 +83,14 @@ def _in_words(s: Shrinkage) -> str:
 
 
 def gap_bars(rows: Sequence[tuple[str, float, float, float]], noise: float) -> str:
-    """Gaps as bars in groups, with the measurement's noise as a line.
+    """Errors as bars in groups, with the measurement's noise as a line.
 
     Args:
-        rows: Name of the data, and the relative gaps of the nominal model, of the best wrong effect
-            and of the chosen one. A bar that is nan is left out.
+        rows: Name of the data, and the relative errors of the baseline model, of the placebo and
+            with the cause. A bar that is nan is left out.
         noise: Root mean square of the measurement's standard deviation, relative.
     """
-    kinds = (("nominal model", NOMINAL), ("best wrong effect", PLACEBO), ("chosen effect", CHOSEN))
+    kinds = (("baseline model", NOMINAL), ("placebo", PLACEBO), ("with the cause", CHOSEN))
     groups = []
     for name, *gaps in rows:
         pairs = zip(kinds, gaps, strict=True)
@@ -136,12 +136,12 @@ def gap_bars(rows: Sequence[tuple[str, float, float, float]], noise: float) -> s
         axes.tick_params(axis="y", length=0)
         axes.set_xlim(0, 1.14 * largest)
         axes.set_ylim(y - 0.1, 0.5)
-        axes.set_xlabel("gap: root mean square relative frequency error, %")
+        axes.set_xlabel("RMS relative frequency error, %")
         words = "; ".join(
             f"{name}: " + ", ".join(f"{label} {error_percent(v)}" for label, v, _ in bars)
             for name, bars in groups
         )
-        return to_svg(figure, "gap", f"Bars of the gap. {words}. Noise {percent(noise)}.")
+        return to_svg(figure, "gap", f"Bars of the error. {words}. Noise {percent(noise)}.")
 
 
 def level_panels(d: Diagnosis, log_sd: np.ndarray | None) -> str | None:

@@ -27,7 +27,7 @@ def run_diagnose(
     keep: Path | None = None,
     effects: Sequence[str] | None = None,
 ) -> Outcome[Diagnosis]:
-    """Where a case's model is wrong, which effect causes it, and how far the gap goes. Collective.
+    """Where a case's model is wrong, which effect causes it, how far the error shrinks. Collective.
 
     Args:
         case: The case.
@@ -59,25 +59,27 @@ def assumptions(case: Case, data: TestData) -> list[tuple[str, str]]:
     given = case.diagnose
     rows = [
         *_noise(data),
-        ("error of any such model, correlated along the conditions", percent(given.discrepancy)),
+        ("model error (discrepancy), the same at all conditions", percent(given.discrepancy)),
     ]
     if data.shapes is not None:
-        rows.append(("the same of a shape's components", percent(given.shape_discrepancy, 1)))
+        rows.append(
+            ("model error of a component of a mode shape", percent(given.shape_discrepancy, 1))
+        )
     if not data.by_level:
         scatter = percent(given.preload_scatter, 0)
         rows.append(("scatter of the preload at a given torque", scatter))
     effects = "all that the case has" if given.effects is None else ", ".join(given.effects)
     return [
         *rows,
-        ("the nominal model's joints", _JOINTS[given.joints]),
-        ("effects that may be at work together", f"up to {given.max_effects}"),
+        ("joints of the baseline model", _JOINTS[given.joints]),
+        ("effects that may act together", f"up to {given.max_effects}"),
         ("effects that were considered", effects),
         *_tolerances(case),
     ]
 
 
 _JOINTS = {
-    "bonded": "bonded to the parts: nothing of them is assumed",
+    "bonded": "bonded to the parts: no stiffness is assumed",
     "given": "with the stiffness that the case gives",
 }
 
@@ -87,11 +89,11 @@ def _noise(data: TestData) -> Iterator[tuple[str, str]]:
     yield "noise of a frequency", " to ".join(percent(x, 3) for x in dict.fromkeys(noise))
     lines = sorted({float(x) for x in np.atleast_1d(data.resolution_hz) if x})
     if lines:
-        yield "lines of the analyser", ", ".join(quantity(x, "Hz") for x in lines)
+        yield "line spacing of the analyser", ", ".join(quantity(x, "Hz") for x in lines)
     if data.damping is not None and data.damping_noise is not None:
         yield "noise of a damping ratio", percent(data.damping_noise, 1)
     if data.shapes is not None:
-        yield "noise of a shape's component", percent(data.shape_noise, 1)
+        yield "noise of a component of a mode shape", percent(data.shape_noise, 1)
 
 
 def _tolerances(case: Case) -> Iterator[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""The view of a diagnosis: the map of where the gap lies, on the structure taken apart."""
+"""The view of a diagnosis: the map of where the error lies, on the structure taken apart."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def diagnosis_view(patches: PatchMap | None) -> Markup | None:
     turn = np.eye(3) if patches.side_view else geometry.upright(x)
     pieces = geometry.pieces_of(geometry.vertex_ids(x), region)
     level = geometry.stacked(x @ turn[2], pieces)
-    name = "The structure taken apart, coloured by what a change in each place explains."
+    name = "The structure taken apart, coloured by the share that a change in each place explains."
     return scene(
         surface(x, patches.patch, level),
         lambda s: [_explained(s, patches)],
@@ -34,7 +34,7 @@ def diagnosis_view(patches: PatchMap | None) -> Markup | None:
 
 
 def _explained(s: Surface, patches: PatchMap) -> SurfaceView:
-    """Signed shares of the misfit, patch by patch."""
+    """Signed shares of chi-square, patch by patch."""
     most = max(float(patches.share.max(initial=0.0)), 1e-9)
     value = np.where(patches.seen, 0.5 + 0.5 * patches.signed_share / most, np.nan)
     end = percent(most, 0)
@@ -42,11 +42,11 @@ def _explained(s: Surface, patches: PatchMap) -> SurfaceView:
         diverging,
         f"{end}, stiffer or lighter",
         f"{end}, softer or heavier",
-        "of the misfit, by a change in this patch alone",
-        "" if patches.seen.all() else "not seen by this test",
+        "of chi-square, by a change in this patch alone",
+        "" if patches.seen.all() else "not visible to this test",
     )
     return SurfaceView(
-        "where the gap lies",
+        "where the error lies",
         colours,
         values=value[s.group],
         texts=[_said(patches, i) for i in range(len(patches.tests))],
@@ -58,9 +58,9 @@ def _said(patches: PatchMap, i: int) -> str:
     test = patches.tests[i]
     name = zone_words(test.zone)
     if not patches.seen[i]:
-        return f"{name}: not seen by this test"
+        return f"{name}: not visible to this test"
     chance = "no more than chance"
     if patches.significant[i]:
         chance = "more than chance"
-        chance += ", and could be the only one" if patches.sufficient[i] else ""
-    return f"{name}: {test.way}, {percent(test.share, 0)} of the misfit, {chance}"
+        chance += ", and could be the only place" if patches.sufficient[i] else ""
+    return f"{name}: {test.way}, {percent(test.share, 0)} of chi-square, {chance}"

@@ -18,7 +18,6 @@ from fenics_joints.diagnosis.where.score_tests import Attribution, ScoreTest
 from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED
 from fenics_joints.formatting import (
     condition_value,
-    error_percent,
     interval,
     number,
     percent,
@@ -33,12 +32,12 @@ from fenics_joints.report.document import Folded, OnTerminal, Text
 VERDICTS = {
     "cause": "Cause found, confirmed on held-out data",
     "likely": "Likely cause, not confirmed on held-out data",
-    "no gap": "No gap",
+    "no gap": "No error beyond noise",
     "unknown": "Cause unknown",
     "in part": "Cause unknown, or known in part",
     "ambiguous": "Ambiguous",
 }
-#: The same of causes that the test cannot tell from many others.
+#: The same of causes that the test cannot distinguish from many others.
 NARROWED = {
     "cause": "Cause narrowed down to one of {n}, confirmed on held-out data",
     "likely": "Likely one of {n} causes, not confirmed on held-out data",
@@ -52,7 +51,7 @@ _HAS_PLACE, _SURELY = 0.5, 2.0
 
 def is_part(d: Diagnosis) -> bool:
     """Whether the best explanation leaves too much to be the cause, and yet predicts held-out data
-    better than the nominal model and the best wrong effect."""
+    better than the baseline model and the placebo."""
     return d.verdict == "unknown" and d.shrinkage is not None and confirmed(d.shrinkage)
 
 
@@ -60,8 +59,8 @@ def place_words(found: Location, test: ScoreTest) -> str:
     """What most probably changes at a place, and where that is."""
     middle, words = found.middle(test), joined(change_words(test))
     if middle is None:
-        return f'"{zone_words(test.zone)}", {words}'
-    return f'"{zone_words(test.region)}", {words} near {point_mm(middle)} mm'
+        return f'"{zone_words(test.zone)}" ({words})'
+    return f'"{zone_words(test.region)}" ({words}) near {point_mm(middle)} mm'
 
 
 def change_words(test: ScoreTest) -> list[str]:
@@ -89,7 +88,7 @@ def point_mass_words(found: LocalisedUnknown) -> str:
         return ""
     grams = [f"{number(1e3 * kg, 2)} g" for kg in (p.kg, p.low, p.high)]
     return (
-        f"as one point mass {grams[0]}, 90 % interval {grams[1]} to {grams[2]}, at about "
+        f"as a point mass, {grams[0]} (90 % interval {grams[1]} to {grams[2]}) at about "
         f"{point_mm(p.at)} mm"
     )
 
@@ -113,9 +112,21 @@ def value_words(p: Mapping) -> tuple[str, str]:
 
 
 def parameter_words(rows: Iterable[Mapping]) -> str:
-    """Fitted parameters with their intervals: ``k_n 660 GPa/m (510 to 860 GPa/m)``."""
-    known = [(p["name"], *value_words(p)) for p in rows]
-    return ", ".join(f"{name} {value}{span and f' ({span})'}" for name, value, span in known)
+    """Fitted parameters with their intervals: ``k_n = 660 GPa/m (510 to 860)``."""
+    words = []
+    for p in rows:
+        value, span = value_words(p)
+        unit = value.partition(" ")[2]
+        if unit and span.count(" ") == 3:  # the limits have one unit
+            span = span.removesuffix(f" {unit}")
+        equal = " = " if span else " "
+        words.append(f"{parameter_name(p)}{equal}{value}{span and f' ({span})'}")
+    return ", ".join(words)
+
+
+def parameter_name(p: Mapping) -> str:
+    """A parameter's name; those of a lap's stiffness by its direction."""
+    return re.sub(r"\b(slap|slip)$", lambda found: f"{_WAYS[found[1]]} stiffness", p["name"])
 
 
 def joined(words: Sequence[str], last: str = "and") -> str:
@@ -135,18 +146,28 @@ def shortened(words: Sequence[str], last: str = "and") -> str:
     return joined(words, last)
 
 
-def from_to(before: float, after: float) -> str:
-    """Two gaps: ``from 5.00 % to 1.00 %``."""
-    return f"from {error_percent(before)} to {error_percent(after)}"
-
-
 def p_value_words(p: float) -> str:
-    """How often chance alone makes as large a misfit."""
+    """How often chance alone makes as large a chi-square."""
     return "p below 0.001" if p < 0.001 else f"p = {number(p, 2)}"
 
 
+#: Directions of a lap's stiffness, effects and regions whose names are others for people than in
+#: case files and JSON.
+_WAYS = {"slap": "normal", "slip": "tangential", "slap and slip": "normal and tangential"}
+_NAMES = {NO_GAP: "no cause (baseline model within tolerances)", UNKNOWN: "cause outside library"}
+_REGIONS = {"away": "outer zone", "near": "inner zone"}
+
+
+def effect_name(name: str) -> str:
+    """An effect's name for people."""
+    way = re.sub(
+        r"\b(slap and slip|slap|slip)(?= stiffness)", lambda found: _WAYS[found[1]], spaced(name)
+    )
+    return _NAMES.get(name, way)
+
+
 def zone_words(name: str) -> str:
-    """A joint's zone in words: ``away_b3_r2`` is ``away, bolt 3, ring 2``.
+    """A region, or a joint's zone: ``away_b3_r2`` is ``outer zone, bolt 3, ring 2``.
 
     That of a lap of beams: ``lap_s2`` is ``lap, stretch 2``.
     """
@@ -155,9 +176,10 @@ def zone_words(name: str) -> str:
         return f"{spaced(lap[1])}, stretch {lap[2]}"
     match = re.fullmatch(r"(.+?)(?:_b(\w+?))?_r(\d+)", name)
     if not match:
-        return spaced(name)
+        return _REGIONS.get(name, spaced(name))
     joint, bolt, ring = match.groups()
-    return ", ".join([spaced(joint), *([f"bolt {bolt}"] if bolt else []), f"ring {ring}"])
+    joint = _REGIONS.get(joint, spaced(joint))
+    return ", ".join([joint, *([f"bolt {bolt}"] if bolt else []), f"ring {ring}"])
 
 
 def group_words(part: Attribution, unit: str) -> str:
@@ -170,8 +192,8 @@ def group_words(part: Attribution, unit: str) -> str:
         return part.label
 
 
-#: Share of the gap, or probability, from which a sentence mentions it. Chosen: only words depend on
-#: it.
+#: Share of the error, or probability, from which a sentence mentions it. Chosen: only words depend
+#: on it.
 SHARE = 0.1
 #: Effects from which on a class is narrowed down and not found. Chosen: only a heading depends on
 #: it.
@@ -182,7 +204,7 @@ _IN_TEST = (MISSCALED, MISPLACED, MISSED, SWAPPED)
 
 @dataclass(frozen=True)
 class EffectClass:
-    """Effects that the test cannot tell apart, or one that it can.
+    """Effects that the test cannot distinguish, or a single one.
 
     Attributes:
         name: The class's name.
@@ -198,7 +220,7 @@ class EffectClass:
 
 
 def leading(d: Diagnosis) -> HypothesisResult | None:
-    """The best hypothesis that says what the gap is made of: ``Diagnosis.after`` is its gap."""
+    """The best hypothesis inside the library: ``Diagnosis.after`` is its error."""
     return next((h for h in d.hypotheses if h.label != UNKNOWN), None)
 
 
@@ -221,33 +243,35 @@ def silent_blocks(silent: Iterable[Silent]) -> list:
     """Effects that a test says nothing about, by reason; folded away on the page."""
     names: dict[str, list[str]] = {}
     for s in silent:
-        names.setdefault(s.reason, []).append(s.effect)
+        names.setdefault(s.reason, []).append(effect_name(s.effect))
     lines = [
-        Text(f"This test says nothing of {', '.join(some)}: {reason}.", "note")
+        Text(f"This test cannot show {joined(some, 'or')}: {reason}.", "note")
         for reason, some in names.items()
     ]
-    title = "What this test says nothing about"
+    title = "Effects that this test cannot show"
     return [OnTerminal(lines), Folded(title, lines, "silent")] if lines else []
 
 
 def named(hypothesis: HypothesisResult) -> str:
     """A hypothesis by its effects, each with its place where the name does not say it."""
     if hypothesis.label == NO_GAP:
-        return "the nominal model within its tolerances"
-    return " + ".join(with_place(key) for key in hypothesis.effects) or hypothesis.label
+        return "the baseline model within its tolerances"
+    return " + ".join(map(with_place, hypothesis.effects)) or effect_name(hypothesis.label)
 
 
 def with_place(key: str) -> str:
     """An effect's key, ``name (region)``, in words, the region where the name does not say it."""
-    name, bracket, region = spaced(key).rpartition(" (")
-    region = region.rstrip(")")
-    if not bracket or region in ("joint", "all parts") or region in name:
-        return name if bracket else spaced(key)
-    return f"{name} ({region})"
+    name, bracket, region = key.rpartition(" (")
+    if not bracket:
+        return effect_name(key)
+    name, region = effect_name(name), region.rstrip(")")
+    if region in ("joint", "all parts") or spaced(region) in name:
+        return name
+    return f"{name} ({zone_words(region)})"
 
 
 def along(found: Location, by: str) -> list[Attribution]:
-    """What each group of one kind, such as ``mode``, adds to the misfit."""
+    """What each group of one kind, such as ``mode``, adds to chi-square."""
     return [a for a in found.attribution if a.by == by]
 
 
@@ -287,12 +311,35 @@ def best_without(d: Diagnosis, sure: Sequence[EffectClass]) -> HypothesisResult 
     return max(lacking, key=lambda h: h.log_evidence, default=None)
 
 
+#: What effects of a kind, by their names, have in common.
+_KINDS = {
+    r"(joint (.* )?compliance|compliance (at|away)|contact (lost|area)).*": (
+        "The joint is more compliant than modelled"
+    ),
+    r"(two |three )?loose bolts?": "A bolt is loose, or several",
+    r"(.* )?(modulus|density|thickness|width|mass)( error.*)?": (
+        "Mass or stiffness of the structure differs from the model"
+    ),
+    r"sensor mis.*": "A sensor reads wrongly or is in a wrong place",
+}
+
+
+def kind_words(group: EffectClass) -> str:
+    """What the members of a class have in common, as a sentence without its end; "" if nothing."""
+    for pattern, words in _KINDS.items():
+        if all(re.fullmatch(pattern, e.name) for e in group.effects):
+            return words
+    return ""
+
+
 def members_in_words(group: EffectClass) -> str:
     """A class in words, the most probable member first."""
-    items = [with_place(e.key) for e in group.effects]
-    if len(items) == 1:
-        return items[0]
-    return f"{shortened(items, 'or')}, which this test cannot tell apart"
+    if len(group.effects) == 1:
+        return with_place(group.effects[0].key)
+    items = [f"{with_place(e.key)} ({probability(e.probability)})" for e in group.effects]
+    letter = f" (class {group.letter})" if group.letter else ""
+    few = {2: "two", 3: "three", 4: "four", 5: "five"}.get(len(items), len(items))
+    return f"this test cannot distinguish {few} effects{letter}: {shortened(items)}"
 
 
 def priors_in_words(group: EffectClass) -> str:
@@ -318,5 +365,5 @@ def in_test(d: Diagnosis) -> str:
     places = joined([spaced(e.region) for e in inside])
     only = len(inside) == len(sure)
     return (
-        f"in the test, not in the structure: {places}" if only else f"in part in the test: {places}"
+        f"in the test, not in the structure: {places}" if only else f"partly in the test: {places}"
     )

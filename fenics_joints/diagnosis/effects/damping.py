@@ -52,7 +52,7 @@ def hysteretic_damping(zones: Sequence[Zone]) -> Effect:
     def loss(theta, condition, hz):
         return dict.fromkeys(_lossy(zones), theta["eta"])
 
-    words = "Per cycle, the joint dissipates the same share of its energy at any frequency."
+    words = "The joint dissipates the same share of its energy in each cycle, at any frequency."
     return _damping(HYSTERETIC, "eta", loss, words)
 
 
@@ -67,7 +67,7 @@ def viscous_damping(zones: Sequence[Zone], hz_ref: float) -> Effect:
     def loss(theta, condition, hz):
         return dict.fromkeys(_lossy(zones), theta["eta_ref"] * hz / hz_ref)
 
-    words = "The joint dissipates in proportion to the frequency, as an oil film does."
+    words = "The loss factor of the joint grows with the frequency, like that of an oil film."
     return _damping(VISCOUS, "eta_ref", loss, words)
 
 
@@ -177,8 +177,8 @@ def micro_slip(zones: Sequence[Zone], reference: float) -> Effect:
         return dict.fromkeys(slipping, eta * iwan_loss_factor(drop(theta, level), theta["chi"]))
 
     words = (
-        "Parts of the interface slip before the whole does: with the level damping grows and "
-        "stiffness falls, unless something else in the joint stiffens."
+        "Parts of the interface slip before the whole joint does: with the level, damping grows "
+        "and stiffness falls, unless something else in the joint stiffens."
     )
     priors = (_DROP, _CHI, _LOSS, _FASTER, _RISE_BESIDE)
     return Effect(
@@ -196,7 +196,7 @@ def gapping(zones: Sequence[Zone], reference: float) -> Effect:
         reference: Level at which ``drop`` holds.
     """
 
-    words = "The joint softens with the level elastically: gaps open, or its geometry changes."
+    words = "The joint softens elastically with the level: gaps open, or its geometry changes."
 
     def factor(theta, x):
         return 1 - relative_drop(theta["drop"] * x ** theta["power"])
@@ -213,8 +213,8 @@ def stiffening(zones: Sequence[Zone], reference: float) -> Effect:
     """
 
     words = (
-        "The joint stiffens with the level: faces touch further out, rotations become large or "
-        "the suspension stiffens; a drift from one level to the next looks the same."
+        "The joint stiffens with the level: more of the faces touch, rotations become large or "
+        "the suspension stiffens. A drift from one level to the next has the same effect."
     )
 
     def factor(theta, x):
@@ -247,7 +247,7 @@ def growing_damping(reference: float) -> Effect:
     def loss(theta, level, hz):
         return {"": theta["eta"] * (level / reference) ** theta["power"]}
 
-    words = "Damping grows with the level, stiffness stays: air, material or the suspension."
+    words = "Damping grows with the level at constant stiffness: air, material or the suspension."
     return Effect(
         GROWING, "", (_GROWN, _GROWTH), None, words, True, by_level=True, loss=loss, weight=RARE
     )
@@ -268,9 +268,11 @@ def amplitude_effects(s: Setting) -> Found:
     """Effects that change with the level of excitation or response."""
     data, zones = s.data, s.zones.all
     if not data.by_level or len(data) < 2:
-        what = "level" if data.by_level else f"{data.condition_name} and not by level"
-        is_one = f"the test has one {what}" if data.by_level else f"the test is by {what}"
-        reason = f"{is_one}; it needs the same modes at two or more levels of force or amplitude"
+        varies = f"varies the {data.condition_name}, not the level"
+        reason = (
+            f"the test {'has one level' if data.by_level else varies}; needed are the same modes "
+            "at two or more levels of force or amplitude"
+        )
         yield from (Silent(name, reason) for name in NAMES)
         return
     reference = float(data.conditions[-1])
@@ -282,5 +284,5 @@ def amplitude_effects(s: Setting) -> Found:
     if has_damping(data):
         yield growing_damping(reference)
     else:
-        reason = "the test has no damping ratio of any mode at two or more levels"
+        reason = "the test has no mode with damping ratios at two or more levels"
         yield Silent(GROWING, reason)

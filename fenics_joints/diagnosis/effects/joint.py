@@ -97,21 +97,27 @@ _LAYER = InterfacePrior(
     exponents=("beta_{kind}", "beta"),
     family="joint compliance",
     alone={
-        ("n",): ("joint normal compliance", "The interface gives way across its plane."),
-        ("t",): ("joint tangential compliance", "The interface gives way along its plane."),
-        ("n", "t"): ("joint normal and tangential compliance", "It gives way both ways."),
+        ("n",): ("joint normal compliance", "The joint is compliant in its normal direction."),
+        ("t",): (
+            "joint tangential compliance",
+            "The joint is compliant in its tangential direction.",
+        ),
+        ("n", "t"): (
+            "joint normal and tangential compliance",
+            "The joint is compliant in its normal and its tangential direction.",
+        ),
     },
     graded=(
         "joint compliance graded {how}",
-        "The interface gives way, differently under the bolts and away from them.",
+        "The joint is compliant, with another stiffness under the bolts than away from them.",
     ),
     graded_kinds=(("n", "t"),),
-    at_one=("compliance at one {kind}", "The interface gives way at {place}, more than elsewhere."),
+    at_one=("compliance at one {kind}", "The joint is more compliant at {place} than elsewhere."),
     loose=(
         LAYER,
         _RESTING,
-        ": the faces around {them} only rest on each other. All bolts equally loose are the "
-        "joint's compliance as a whole.",
+        ": the faces around {them} only rest on each other. If all bolts were equally loose, this "
+        "would be a compliance of the whole joint.",
     ),
 )
 _LAP = InterfacePrior(
@@ -122,28 +128,31 @@ _LAP = InterfacePrior(
     alone={
         ("slap",): (
             "joint slap stiffness",
-            "The lap opens and shears more or less than the model says.",
+            "The normal stiffness of the lap, against opening and shear, differs from the model's.",
         ),
         ("slip",): (
             "joint slip stiffness",
-            "The lap slides, and so bends, more or less than the model says.",
+            "The tangential stiffness of the lap, against sliding, differs from the model's.",
         ),
-        ("slap", "slip"): ("joint slap and slip stiffness", "It does both."),
+        ("slap", "slip"): (
+            "joint slap and slip stiffness",
+            "The normal and the tangential stiffness of the lap differ from the model's.",
+        ),
     },
     graded=(
         "joint {what} stiffness graded {how}",
-        "The stiffness of {what} is not the same all along the lap: it differs {how}.",
+        "The stiffness of the lap varies along it: it differs {how}.",
     ),
     graded_kinds=(("slap",), ("slip",), ("slap", "slip")),
     at_one=(
         "joint stiffness at one {kind}",
-        "{place} alone is softer or stiffer than the model says.",
+        "{place} alone is softer or stiffer than in the model.",
     ),
     loose=(
         GIVEN_LAP,
         _LEFT,
-        ", and the lap softer around {them}. All bolts equally loose are the joint's stiffness "
-        "as a whole.",
+        ", and the lap is softer around {them}. If all bolts were equally loose, this would be "
+        "the stiffness of the whole joint.",
     ),
 )
 #: By kind of zones.
@@ -251,7 +260,7 @@ def own_law_errors(s: Setting) -> Found:
         law = section.own_law
         for key, value in ({} if law is None else section.nominal()).items():
             if value == 0:
-                yield Silent(f"{key} of {name}", "it is zero in the model: give what it may be")
+                yield Silent(f"{key} of {name}", "it is zero in the model; give its expected value")
                 continue
             bounds = law.bounds.get(key, (0.0, np.sign(value) * np.inf))
             what = f"{key} of {name}"
@@ -263,7 +272,7 @@ def parameter_errors(s: Setting) -> Found:
     for name, parameter in s.parameters.items():
         if parameter.value == 0:
             yield Silent(
-                f"error of {name}", "it is zero in the model, and a factor changes nothing"
+                f"error of {name}", "it is zero in the model, and a factor does not change it"
             )
             continue
         bounds = parameter.lower, parameter.upper
@@ -281,7 +290,7 @@ def parameter_tolerances(spreads: Mapping[str, float]) -> tuple[Effect, ...]:
 def _own_error(title: str, what: str, region: str, name: str, value: float, bounds) -> Effect:
     """A parameter of the user's own that is off by a factor, within its bounds."""
     low, high = sorted(bound / value for bound in bounds)
-    words, span = f"{what} is not what the model says.", (max(low, 0.0), high)
+    words, span = f"{what} differs from the model's.", (max(low, 0.0), high)
     return relative_error(title, region, [name], OWN_SPREAD, words, span=span)
 
 
@@ -302,7 +311,7 @@ def pressed_compliance(zones: Sequence[Zone]) -> Effect:
     def apply(values, theta, condition):
         _press(values, theta, zones, relative, 1.0, kinds)
 
-    name, words = "joint compliance", "The interface gives way, the more the less it is pressed."
+    name, words = "joint compliance", "The joint is compliant, more so where its pressure is low."
     return _falling(name, _pressed_priors(kinds), apply, words)
 
 
@@ -401,10 +410,10 @@ def pressed_by_bolts(
         pressure = bell_pressure(low, high, theta["radius"])
         _press(values, theta, zones, pressure, factor, kinds)
 
-    name, words, weight = "joint compliance", "The interface gives way", 1.0
+    name, words, weight = "joint compliance", "The joint is compliant", 1.0
     if tuple(LAYER.keys) != kinds:
         (name, words), weight = _LAYER.alone[kinds], _LESS_PLAIN
-    words = f"{words.rstrip('.')}, the more the further from the bolts that press it."
+    words = f"{words.rstrip('.')}, more so the farther from the bolts."
     priors = (*_pressed_priors(kinds), reach(low, high))
     return _falling(name, priors, apply, words, reference is not None, weight)
 
@@ -443,7 +452,7 @@ def stiffer_joint(
             values[key] *= factor
 
     priors = (_FACTOR,) if reference is None else (_FACTOR, Prior("beta", *EXPONENT))
-    words = "The faces hold together better than the stiffness that the model was given."
+    words = "The joint is stiffer than the stiffness that the case gives."
     by_torque, family = reference is not None, PRIORS[zones[0].interface.name].family
     return Effect(name, region, priors, apply, words, by_torque, family, weight=weight)
 
@@ -488,7 +497,7 @@ def lost_contact(zones: Sequence[Zone]) -> Effect:
     # Something must stay in contact, or the bodies part.
     span = (1e-3 * largest, low)
     prior = Prior("cutoff", median * largest, spread, "Pa", True, span, scan=_SCAN)
-    words = "The faces hold together only where the bolts press them hard enough."
+    words = "The faces are in contact only where the bolts press them hard enough."
     return Effect("contact lost at low pressure", "joint", (prior,), apply, words, False, _FAMILY)
 
 
@@ -513,11 +522,11 @@ def lost_beyond(zones: Sequence[Zone], reference: float | None = None) -> Effect
             far = far * np.sqrt(np.maximum(left, _LAST_CONTACT))
         lose(values, far)
 
-    words, priors = "The faces hold together only near the bolts.", [radius]
+    words, priors = "The faces are in contact only near the bolts.", [radius]
     if reference is not None:
         # The scan takes all other parameters for linear, which a cut-off is not.
         priors = [replace(radius, scan=0), Prior("cutoff", *_CUTOFF, "", True, (0.0, 0.9))]
-        words = "The faces hold together only near the bolts, further out at higher torque."
+        words = "The faces are in contact only near the bolts, farther out at higher torque."
     name, by_torque = "contact lost at low pressure", reference is not None
     return Effect(name, "joint", tuple(priors), apply, words, by_torque, _FAMILY)
 
@@ -536,7 +545,7 @@ def smaller_contact(zones: Sequence[Zone]) -> Effect:
     def apply(values, theta, condition):
         lose(values, theta["radius"])
 
-    words = "The faces touch near the bolts only, whatever the torque: a recess, or not flat."
+    words = "The faces touch only near the bolts, at any torque: a recess, or uneven faces."
     return Effect(SMALLER, "joint", (radius,), apply, words, family="contact area")
 
 
@@ -654,7 +663,7 @@ def low_preload(region: str, zones: Sequence[Zone], name: str, weight: float = 1
                 values[key] *= factor
 
     priors = (_PRELOAD, Prior("beta", *EXPONENT))
-    words = "The bolts press less than the nominal model says, and the interface is softer for it."
+    words = "The bolt preload is lower than in the baseline model, which makes the joint softer."
     return Effect(name, region, priors, apply, words, family="preload", weight=weight)
 
 
@@ -663,10 +672,10 @@ def low_preload(region: str, zones: Sequence[Zone], name: str, weight: float = 1
 #: Effects of layers that joint elements of beams cannot have.
 _NOT_OF_LAPS = {
     "joint compliance that falls with the pressure": (
-        "joint elements of beams know no pressure; a stiffness graded along the lap is looked for"
+        "joint elements of beams have no pressure; a stiffness graded along the lap is tried"
     ),
     "contact lost at low pressure": (
-        "joint elements have their beams' own stiffness too, which no loss of contact takes"
+        "joint elements include the stiffness of their beams, which no loss of contact takes"
     ),
 }
 
@@ -686,7 +695,7 @@ def compliances(s: Setting) -> Found:
     if 0 < len(zones.away) < len(zones):
         away = zones.pick(zones.away)
         where = ", ".join(dict.fromkeys(zone.joint for zone in away))
-        words = "The plates are as one under the bolts and barely touch elsewhere."
+        words = "The joint is bonded under the bolts and compliant elsewhere."
         yield compliant("compliance away from the bolts only", where, away, None, reference, words)
     for kinds in law.graded_kinds:
         for how, named in zones.gradings.items():
@@ -719,7 +728,7 @@ def _along_laps(zones: Zones) -> Found:
     places = {where: list(along.values())}
     if len(along) > 1:
         places |= {name: [own] for name, own in along.items()}
-    words = "Along the beams the lap is softer or stiffer than the two beams side by side."
+    words = "The lap is axially softer or stiffer than the two beams side by side."
     for place, laps in places.items():
         keys = [f"{lap}.axial" for lap in laps]
         rest = {"span": (0.0, np.inf), "weight": 1.0 if place == where else 1 / len(along)}
@@ -736,8 +745,8 @@ def stiffer_than_given(s: Setting) -> Found:
         return
     if s.case.diagnose.joints == "bonded" or zones.by_pressure:
         reason = (
-            "the nominal joint is bonded, and nothing is stiffer; "
-            '[diagnose] joints = "given" takes the stiffness that the case gives'
+            "the baseline joint is bonded, and nothing is stiffer; "
+            'with [diagnose] joints = "given" the baseline has the stiffness of the case'
         )
         yield Silent(STIFFER, reason)
         return
@@ -762,10 +771,10 @@ def bolts(s: Setting) -> Found:
     yield from loose_together(single)
     pressed = zones.all if zones.laps is None else sum(by_bolt.values(), ())
     if s.case.diagnose.joints == "bonded":
-        nominal = "joint is bonded" if zones.laps is None else "lap is as one piece"
+        what = "joint" if zones.laps is None else "lap"
         reason = (
-            f"the nominal {nominal}, so that nothing in it depends on the preload; "
-            '[diagnose] joints = "given" takes the stiffness that the case gives'
+            f"the baseline {what} is bonded, so its stiffness does not depend on the preload; "
+            'with [diagnose] joints = "given" the baseline has the stiffness of the case'
         )
         yield Silent(LOW_PRELOAD, reason)
     elif not pressed:

@@ -85,17 +85,17 @@ def shear_error(
     name, region, words = _said("shear modulus", parts, whole)
     span = (1 + nu) / (1 + most), (1 + nu) / (1 + least)
     prior = Prior("factor", 1.0, SHEAR, "", True, span)
-    words = f"{words[:-1]} at the same Young's modulus, as by another Poisson's ratio."
+    words = f"{words[:-1]} at the same Young's modulus, as with another Poisson's ratio."
     return Effect(name, region, (prior,), apply, words, weight=weight)
 
 
 def _said(word: str, parts: Sequence[str], whole: bool) -> tuple[str, str, str]:
     """Name and region of an error of a property, and a sentence on it."""
     if len(parts) == 1:
-        return f"{word} error", parts[0], f"The {word} of {parts[0]} is not what the model says."
+        return f"{word} error", parts[0], f"The {word} of {parts[0]} differs from the model's."
     name = f"{word} error of {'all' if whole else 'several'} parts"
     region = "all parts" if whole else ", ".join(parts)
-    return name, region, f"The {word} of {region} is off by one and the same factor."
+    return name, region, f"The {word} of {region} differs from the model's by one common factor."
 
 
 def temperature(parts: Sequence[str], conditions: Sequence[float], drifts: bool) -> Effect:

@@ -93,7 +93,7 @@ def misjudged(name: str, key: str, weight: float) -> Effect:
         weight: Prior odds: one over the number of such.
     """
     what, spread, span = _MISJUDGED[key]
-    words = f"The {key} of {spaced(name)} is not what the model says."
+    words = f"The {key} of {spaced(name)} differs from the model's."
     return relative_error(
         what, spaced(name), [f"{name}.{key}"], spread, words, span=span, weight=weight
     )
@@ -116,7 +116,7 @@ def support_compliance(supports: Sequence[str], weight: float = 1.0) -> Effect:
     labels = [spaced(support) for support in supports]
     name = "compliance of all supports" if len(labels) > 1 else f"{labels[0]} compliance"
     region = ", ".join(supports)
-    words = "What is held as if rigid gives way: the clamp, or the ground under it."
+    words = "The support is compliant: the clamp, or the ground under it."
     return Effect(name, region, priors, apply, words, family="boundary", weight=weight)
 
 
@@ -132,7 +132,7 @@ def spring_damping(springs: Sequence[str], region: str, weight: float = 1.0) -> 
     def loss(theta, condition, hz):
         return {f"{name}.stiffness": theta["eta"] for name in springs}
 
-    words = "What the structure hangs or stands on dissipates a share of what it stores in a cycle."
+    words = "The suspension or support springs dissipate a share of their energy in each cycle."
     of_all = {"family": SUPPORTS, "loss": loss, "weight": weight, "beside": True}
     return Effect(SUPPORTS, region, (_HELD,), None, words, **of_all)
 
@@ -149,7 +149,7 @@ def support_damping(supports: Sequence[str], weight: float = 1.0) -> Effect:
     def loss(theta, condition, hz):
         return {f"{name}.{key}": theta["eta"] for name in supports for key in ("k_n", "k_t")}
 
-    words = "What holds the structure gives way, and dissipates a share of what it stores."
+    words = "The support is compliant and dissipates a share of its energy in each cycle."
     return replace(
         compliant,
         name=SUPPORTS,
@@ -205,7 +205,7 @@ def _attachment(case: Case, name: str) -> Effect:
     if is_mass and section.shift() is not None:
         priors.append(travel(section.shift()))
     label = spaced(name)
-    words = f"The {key} of the {label} acts on the structure; the nominal model leaves it out."
+    words = f"The {key} of the {label} acts on the structure; the baseline model leaves it out."
     return attached(f"{label} {key}", label, name, priors, words)
 
 
@@ -224,7 +224,7 @@ def misscaled_sensor(i: int, weight: float) -> Effect:
     def read(sensing, theta):
         sensing.gains[i] *= theta["gain"]
 
-    words = f"Sensor {i + 1} reads all modes by one factor too large or too small."
+    words = f"Sensor {i + 1} reads all modes too large or too small by the same factor."
     return _in_test(MISSCALED, f"sensor {i + 1}", read, words, weight, (_GAIN,))
 
 
@@ -250,7 +250,7 @@ def misplaced_sensor(i: int, length: float, weight: float, ways: int = 1) -> Eff
     sd = _SHIFT * length
     priors = tuple(Prior(name, 0.0, sd, "m", False) for name in names)
     where = "along the line of sensors" if ways == 1 else "on its face"
-    words = f"Sensor {i + 1} sits elsewhere {where} than the case says."
+    words = f"Sensor {i + 1} is elsewhere {where} than the case says."
     return _in_test(MISPLACED, f"sensor {i + 1}", read, words, weight, priors)
 
 
@@ -265,7 +265,7 @@ def missed_mode(j: int, names: Sequence[str]) -> Effect:
     def read(sensing, theta):
         sensing.order[sensing.order >= j] += 1
 
-    words = f"The test's {names[j]} is the model's next one, and so on: it did not find that mode."
+    words = f"The test missed a mode: its {names[j]} is the model's next mode, and so on."
     return _in_test(MISSED, names[j], read, words, 1 / len(names), family=SWAPPED)
 
 
@@ -280,7 +280,7 @@ def swapped_modes(j: int, names: Sequence[str]) -> Effect:
     def read(sensing, theta):
         sensing.order[[j, j + 1]] = sensing.order[[j + 1, j]]
 
-    words = f"The test's {names[j]} is the model's {names[j + 1]}, and the other way round."
+    words = f"The test's {names[j]} is the model's {names[j + 1]}, and vice versa."
     return _in_test(SWAPPED, f"{names[j]}, {names[j + 1]}", read, words, 1 / (len(names) - 1))
 
 
@@ -290,10 +290,10 @@ def errors_of_test(s: Setting) -> Found:
     yield from (swapped_modes(j, data.mode_names) for j in range(len(data.mode_names) - 1))
     read, reason = np.zeros(0, dtype=int), None
     if data.shapes is None:
-        reason = "the test has no mode shapes ([test] shapes), and frequencies do not show it"
+        reason = "the test has no mode shapes ([test] shapes); frequencies do not show it"
     else:
         read = np.flatnonzero(np.any(np.isfinite(data.shapes), axis=1))
-        reason = "a single sensor has no shape" if len(read) < 2 else None
+        reason = "a single sensor measures no mode shape" if len(read) < 2 else None
     if reason is not None:
         yield from (Silent(name, reason) for name in (MISSCALED, MISPLACED))
         return
@@ -315,9 +315,9 @@ def missed_modes(s: Setting) -> Found:
     if s.zones.laps is None:
         return
     reasons = {
-        "measured shapes say which mode is which": data.shapes is not None,
-        "damping ratios of one mode more are not predicted": has_ratios(data),
-        "the test is by level, and its modes are followed": data.by_level,
+        "measured mode shapes identify the modes": data.shapes is not None,
+        "the damping ratio of an additional mode is not predicted": has_ratios(data),
+        "the test is by level, and its modes are tracked": data.by_level,
     }
     reason = next((reason for reason, applies in reasons.items() if applies), None)
     if reason is not None:

@@ -141,11 +141,11 @@ def sited_effects(s: Setting) -> Found:
         found += [make(plate, case, RARE / len(plates)) for plate in plates]
     yield from found
     reasons = {
-        **dict.fromkeys(_PLACED, "the model has no cells of parts"),
-        BOWED: "it is of structures that are one flat plate, of elements of degree 2, and of tests "
-        "with sensors",
-        TAPERED: "it is of even plates that nothing joins on an edge, of elements of degree 2, and "
-        "of tests with sensors",
+        **dict.fromkeys(_PLACED, "the parts of the model have no cells"),
+        BOWED: "it needs a structure that is one flat plate, elements of degree 2, and a test with "
+        "sensors",
+        TAPERED: "it needs an even plate with free edges, elements of degree 2, and a test with "
+        "sensors",
     }
     there = {effect.name for effect in found}
     yield from (Silent(name, why) for name, why in reasons.items() if name not in there)
@@ -247,7 +247,7 @@ def cable(sites: Sites, total_mass: float) -> Effect:
             values[f"{ON}.stiffness_{along}"] = theta[f"stiffness along {along}"]
 
     springs = (replace(_GROUND, name=f"stiffness along {along}") for along in OFFSETS)
-    words = "A cable, a hose or a stinger holds the structure at one point and weighs on it."
+    words = "A cable, a hose or a stinger adds stiffness and mass at one point."
     return _attached(CABLE, ON, sites, (_mass(total_mass), *springs), apply, words, RARE)
 
 
@@ -273,8 +273,8 @@ def resonator(sites: Sites, total_mass: float, measured_hz: np.ndarray) -> Effec
     also = tuple(np.outer(_ABOVE, measured_hz).ravel().tolist())
     own = Prior("frequency", middle, spread, "Hz", True, span, _FREQUENCIES, also=also)
     words = (
-        "Something on a spring is attached at one point: modes below its own frequency fall as by "
-        "a mass, modes above it rise."
+        "A mass on a spring is attached at one point: modes below its own frequency fall, modes "
+        "above it rise."
     )
     return _attached(RESONATOR, HUNG, sites, (_mass(total_mass), own), apply, words, RARE)
 

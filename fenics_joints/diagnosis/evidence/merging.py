@@ -95,7 +95,7 @@ def distinct(
             found[effect.key] = effect
             continue
         first = found[same[0].key]
-        words = f"{first.describe} In this test that is also: {effect.key}."
+        words = f"{first.describe} In this test {effect.key} is the same."
         found[first.key] = replace(first, describe=words.strip())
     return tuple(found.values())
 
@@ -285,7 +285,7 @@ def _merged(own: Sequence[Effect]) -> Effect:
     if len(own) == 1:
         return own[0]
     places = "; ".join(e.region for e in own)
-    words = f"To this test that is the same at {len(own)} places, each as likely: {places}."
+    words = f"In this test {len(own)} places are equivalent, each equally likely: {places}."
     return replace(
         own[0],
         region=" / ".join(e.region for e in own),

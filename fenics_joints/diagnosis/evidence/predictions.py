@@ -208,7 +208,7 @@ class ManyPredictions:
         data, along = self._solved([z], range(len(z)) if slopes else ())
         if not np.all(np.isfinite(data)):
             raise InputError(
-                f"{self.hypothesis.label or 'nominal model'}: it lacks a mode that the test has, "
+                f"{self.hypothesis.label or 'baseline model'}: it lacks a mode that the test has, "
                 "or an antiresonance, at these values of its parameters."
             )
         return data[0], along[0]

@@ -67,7 +67,7 @@ def measured_at_points(model: Prepared, progress: Progress) -> list[Observation]
         found += _antiresonances(model, test.antiresonances)
     frfs = model.case.frfs()
     if frfs is not None and model.case.diagnose.frfs:
-        progress.step("functions at samples of the parameters")
+        progress.step("FRFs at samples of the parameters")
         lines, notes = measured_functions(model, frfs, model.surrogate.everywhere(_PLACES))
         found += lines
         model.notes += notes

@@ -278,9 +278,9 @@ def _data(
         used, there = len({k for k, _ in chosen}), int(taken.frfs.measured.sum())
         notes.insert(
             0,
-            f"Measured functions: {len(chosen)} lines of {used} of {there} are data, magnitude and "
-            "phase, away from resonances and valleys, with the test's resonances in the place of "
-            "the model's. In the blind check they made answers worse: compare with frfs = false in "
+            f"Measured FRFs: {len(chosen)} lines of {used} of {there} FRFs are used, magnitude and "
+            "phase, away from resonances and valleys, with the resonances of the test instead of "
+            "the model's. In the blind check FRFs made answers worse: compare with frfs = false in "
             "[diagnose].",
         )
     lines = taken.lines(chosen)
@@ -332,8 +332,8 @@ def _lines_of(
     allowed[there] = errors.small(lines, np.minimum(1, np.abs(ratio)) * nominal, sd[there])
     if not allowed.any():
         notes.append(
-            f"test.frfs: of {taken.named(k)} no line is data: expected some between resonances, "
-            "where a model with the test's resonances says what to expect."
+            f"test.frfs: no line of {taken.named(k)} is used: expected some between resonances, "
+            "where a model with the resonances of the test predicts the FRF."
         )
         return []
     own = choose_lines(
@@ -345,7 +345,7 @@ def _lines_of(
         notes.append(
             f"test.frfs: {taken.named(k)} is left out: it is {'-' if sign < 0 else ''}{times:.3g} "
             "times the model's, in the median; expected about 1: look at its unit, its scale and "
-            "its directions."
+            "its direction."
         )
         return []
     return own.tolist()

@@ -211,7 +211,7 @@ def _notes(case: Case, structure: Structure) -> tuple[str, ...]:
         return ()
     return (
         f"no bolts of {', '.join(without)} are known (bolts = {{name: points}}): loose bolts, and "
-        "what depends on the distance from a bolt, are not looked for there",
+        "effects that depend on the distance from a bolt, are not looked for there",
     )
 
 

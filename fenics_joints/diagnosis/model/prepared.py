@@ -186,8 +186,8 @@ class Prepared(Subject):
                 self.on_mesh(errors)
             elif getattr(self.full, "ties", None) is not None and self.full.degree > 1:
                 self.notes.append(
-                    f"{OF_MODEL}the mesh's own error is not known: parts whose meshes do not match "
-                    "have no model one degree higher"
+                    f"{OF_MODEL}the discretisation error is not known: it cannot be computed for "
+                    "parts whose meshes do not match"
                 )
         self._take(measured_at_points(self, progress))
         give_back()
@@ -216,20 +216,20 @@ class Prepared(Subject):
         if np.sum(~found) > len(found) / 2:
             raise InputError(
                 f"{self.case.path}: test: {', '.join(names[~found])}: expected modes that the "
-                f"nominal model has, or the model with one of its effects; {UNLIKE}"
+                f"baseline model has, or the model with one of its effects; {UNLIKE}"
             )
         if not found.all():
             self.without_partner = tuple(names[~found].tolist())
             self._leave_out(~found)
             self.notes.append(
-                f"{self._with_hz(~found)}: left out: no mode of the model matches it, nominal or "
-                f"with any of the effects; {UNLIKE}"
+                f"{self._with_hz(~found)}: left out: no mode of the model matches, with or without "
+                f"an effect; {UNLIKE}"
             )
         if (found & ~nominal).any():
             self.not_nominal = found & ~nominal
             self.notes.append(
-                f"{self._with_hz(self.not_nominal)}: matches a mode only if the model has one of "
-                "the effects; it is fitted and held out, but has no part in the nominal model's gap"
+                f"{self._with_hz(self.not_nominal)}: matched only by the model with an effect; "
+                "fitted and held out, but not counted in the error of the baseline model"
             )
 
     def _partners_at(self) -> Iterator[dict[str, float]]:
@@ -400,8 +400,8 @@ class Prepared(Subject):
             return ""
         return (
             f"Modes are paired by their order: {names[0]}, {own[0]:.4g} Hz, with the model's "
-            f"lowest that the test could see, {model[0]:.4g} Hz, though {model[count]:.4g} Hz is "
-            "nearer. If the test lacks modes below, give their frequencies too, or shapes."
+            f"lowest visible mode, {model[0]:.4g} Hz, though {model[count]:.4g} Hz is nearer. "
+            "If the test missed lower modes, give their frequencies too, or mode shapes."
         )
 
     def mesh_notes(self) -> list[str]:
@@ -412,8 +412,8 @@ class Prepared(Subject):
             so = (
                 "left out (finer cells resolve more)"
                 if len(self.unresolved) <= len(self.data.mode_names) / 2
-                else "as they are most of the test they stay, but what they say is not to be "
-                "trusted without finer cells"
+                else "as they are most of the test they are kept, but the result is not reliable "
+                "without finer cells"
             )
             notes.append(
                 f"{OF_MODEL}the mesh does not resolve {', '.join(self.unresolved)}: the same mesh "
@@ -426,9 +426,9 @@ class Prepared(Subject):
         more = f", more than diagnose.discrepancy in {left} of {len(errors)} modes" if left else ""
         return [
             *notes,
-            f"{OF_MODEL}the mesh alone is {percent(errors[worst])} off in {worst}, by the same "
-            "mesh one degree higher and what that is expected to leave; it is taken off every "
-            f"frequency of the model, and a part of it stays as its uncertainty{more}",
+            f"{OF_MODEL}the discretisation error is {percent(errors[worst])} in {worst}, by the "
+            "same mesh one degree higher; it is subtracted from every frequency of the model, and "
+            f"a part of it remains as an uncertainty{more}",
         ]
 
     def travel(self) -> dict[str, tuple[float, float]]:

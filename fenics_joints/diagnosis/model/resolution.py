@@ -72,7 +72,7 @@ def mesh_errors(
     finer = small.full.finer()
     if finer is None or finer.n_dofs > MOST:
         return None
-    progress.step("measuring the mesh's own error, one degree higher")
+    progress.step("discretisation error, by elements one degree higher")
     better = kept_modes(finer, values, small.n_modes, keep, "finer")
     # The same body has as many rigid motions, whatever round-off makes of their frequencies.
     better = replace(better, n_rigid=small.nominal.n_rigid)

@@ -384,7 +384,7 @@ class Candidates:
             all_move = np.mean(np.log(np.maximum(moved, 1e-9 * moved.max())), axis=1)
             best = int(np.argmax(all_move))
             at = Sensors(sensors.points[best], sensors.directions[best])
-            name = f"the function of a force and the motion at {point_mm(at.points[0])} mm"
+            name = f"the driving-point FRF at {point_mm(at.points[0])} mm"
             found[name] = planned_function(m, at, self._everywhere)
         for name, more in found.items():
             if more:
@@ -462,8 +462,8 @@ class Candidates:
             forward = self._wide_forward
             other = forward.of(loaded(forward.model, rows[best], mass))
             grams = f"{1e3 * mass:.0f} g" if mass < 1 else f"{mass:.2f} kg"
-            at = f"({ADDED_MASS:.0%}) put on at {point_mm(places[best])} mm"
-            yield self._shifted(f"the shifts by a known mass of {grams} {at}", other)
+            at = f"({ADDED_MASS:.0%}) at {point_mm(places[best])} mm"
+            yield self._shifted(f"the frequency shifts due to a known mass of {grams} {at}", other)
 
     def _best_place(self, rows: np.ndarray) -> int | None:
         """By the first-order shift -m phi^2 / 2 of ln f for mass-normalised phi."""
@@ -497,7 +497,7 @@ class Candidates:
                 changes.append((f"{name}.mass", 0.0, "without the"))
         changes += [(f"{name}.stiffness", _SOFTER, softer) for name in case.springs]
         for name, factor, how in changes:
-            words = f"the shifts of the frequencies {how} {spaced(name.rpartition('.')[0])}"
+            words = f"the frequency shifts {how} {spaced(name.rpartition('.')[0])}"
             yield self._shifted(words, self._wide_forward, altered(name, factor))
 
 

@@ -162,29 +162,29 @@ class Plan:
     def _how_many(self) -> str:
         n, seen = len(self.effects), sum(e.seen for e in self.effects)
         if not seen:
-            return f"This test would see none of the {n} causes that the model can have."
+            return f"This test could detect none of the {n} possible causes."
         which = f"all {n}" if seen == n else f"{seen} of {n}"
-        see = f"This test would see {which} causes that the model can have"
+        see = f"This test could detect {which} possible causes"
         if seen == 1:
             return f"{see}."
         if self.n_apart == 1:
-            return f"{see}, and could tell none of them from all the others."
+            return f"{see}, but could distinguish none of them from all others."
         if not self.classes:
-            return f"{see}, and tell them all apart."
+            return f"{see}, and distinguish all of them."
         single = f"{_count(len(self.alone), 'single cause')} and " if self.alone else ""
         groups = _count(len(self.classes), "group")
-        return f"{see}, and tell {self.n_apart} apart: {single}{groups} of causes."
+        return f"{see}, and distinguish {self.n_apart}: {single}{groups} of causes."
 
     def _which_not(self) -> str:
         said = []
         if self.classes:
             groups = "; ".join(self._listed(c.members) for c in self.classes)
-            said.append(f"It could not tell apart {groups}")
+            said.append(f"It could not distinguish {groups}")
         if self.unseen:
             few = self._listed([e.key for e in self.unseen])
-            said.append(f"{'it' if said else 'It'} would not see {few} at the expected size")
+            said.append(f"{'it' if said else 'It'} could not detect {few} at the expected size")
         if not said:
-            return "There are no two that it could not tell apart, and none that it would not see."
+            return "It could detect every cause and distinguish each from every other."
         return f"{', and '.join(said)}."
 
     def _listed(self, keys: Sequence[str]) -> str:
@@ -204,20 +204,20 @@ class Plan:
 
     def _what_next(self) -> str:
         if not (self.classes or self.unseen):
-            return "Nothing more need be measured for that."
+            return "No further measurement is needed."
         best = self.additions[0] if self.additions else None
         if best is None or best.largest_gain < NEGLIGIBLE:
-            return "None of the further measurements that were looked at would help."
+            return "None of the further measurements that were tried would help."
         seen = sum(e.seen for e in self.effects)
         if best.apart > self.n_apart:
-            more = f" and see {best.seen}" if best.seen > seen else ""
-            return f"Measure next {best.measurement}. Then it would tell {best.apart} apart{more}."
+            more = f", {best.seen} detected" if best.seen > seen else ""
+            return f"Measure next: {best.measurement}. Then {best.apart} are distinguished{more}."
         if best.seen > seen:
-            return f"Measure next {best.measurement}. Then it would see {best.seen - seen} more."
+            return f"Measure next: {best.measurement}. Then {best.seen - seen} more are detected."
         return (
-            "No one further measurement would split them. Most would come from "
-            f"{best.measurement}: D of the undecided pairs would grow by {best.mean_gain:.2f} on "
-            "average."
+            "No single further measurement would distinguish more. The most useful is "
+            f"{best.measurement}: on average it increases D of the undecided pairs by "
+            f"{best.mean_gain:.2f}."
         )
 
     def to_json(self) -> dict:
@@ -321,9 +321,9 @@ def plan(
         taken_for = _taken_for(model, evidence, progress)
         additions = []
         if classes or any(s.d / 2 < APART for s in study.expected):
-            progress.step("looking for measurements that would help")
+            progress.step("looking for useful further measurements")
             offered = Candidates(model, evidence, study).all()
-            progress.step("what they would tell apart", len(offered))
+            progress.step("evaluating further measurements", len(offered))
             additions = rank(study, offered, progress.advance)
     letters = {key: c.letter for c in classes for key in c.members}
     picked = np.ix_(order, [*order, len(order)])
@@ -351,7 +351,7 @@ def _without_missed_modes(model: Prepared) -> None:
     missed = [e for e in model.effects if e.name == MISSED]
     if missed:
         model.effects = tuple(e for e in model.effects if e.name != MISSED)
-        reason = "a plan takes the test to find the modes that the model has"
+        reason = "a plan assumes that the test finds all modes of the model"
         model.silent = (*model.silent, Silent(MISSED, reason))
 
 

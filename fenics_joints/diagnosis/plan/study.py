@@ -470,9 +470,9 @@ def few_sensors(
         kept = order[np.round(np.linspace(0, len(order) - 1, _KEPT)).astype(int)]
         left |= {e.key for i, e in enumerate(members) if i not in kept}
         reason = (
-            f"{len(members) - _KEPT} of {len(members)} sensors are left out of the plan; distances "
-            f"of all from no gap are {min(lengths) / 2:.2g} to {max(lengths) / 2:.2g}, and those "
-            "listed lie evenly between"
+            f"{len(members) - _KEPT} of {len(members)} sensors are left out of the plan; D of all "
+            f"from the baseline is {min(lengths) / 2:.2g} to {max(lengths) / 2:.2g}, and the "
+            "sensors listed are spread evenly between"
         )
         silent.append(Silent(name, reason))
     return tuple(effect for effect in effects if effect.key not in left), tuple(silent)
