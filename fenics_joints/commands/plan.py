@@ -1,4 +1,4 @@
-"""The ``diagnose --plan`` command: which causes a test could tell apart, before any data."""
+"""The ``diagnose --plan`` command: which causes a test could distinguish, before any data."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import Case
 from fenics_joints.case.check_structure import refuse_applied
-from fenics_joints.commands.diagnose.words import silent_blocks
+from fenics_joints.commands.diagnose.words import effect_name, silent_blocks, with_place
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.plan.planned import Plan, plan
@@ -25,7 +25,6 @@ from fenics_joints.formatting import (
     percent,
     probability,
     quantity,
-    spaced,
 )
 from fenics_joints.progress import Progress
 from fenics_joints.report import document as doc
@@ -40,10 +39,10 @@ _NUMBERED = 26
 #: Width of a letter of an effect's name, in.
 _LETTER = 0.078
 _ASSUMPTIONS = (
-    "One cause is at work, of its expected size; a larger one is seen and told apart more easily, "
-    "a smaller one less.",
+    "One cause is present, at its expected size. A larger one is easier to detect and to "
+    "distinguish, a smaller one harder.",
     "Errors are normal in the logarithm of frequency.",
-    "Predictions are exact at the sizes; the nearest prediction of another effect is found by "
+    "Predictions at these sizes are exact. The nearest prediction of another effect is found by "
     "Gauss-Newton steps within five standard deviations of its prior.",
 )
 
@@ -56,7 +55,7 @@ def run_plan(
     keep: Path | None = None,
     effects: Sequence[str] | None = None,
 ) -> Outcome[Plan]:
-    """Which causes a test could tell apart, before any data. Collective.
+    """Which causes a test could distinguish, before any data. Collective.
 
     Args:
         case: The case.
@@ -79,36 +78,37 @@ def plan_document(p: Plan) -> doc.Document:
     values = ", ".join(condition_value(x, p.condition[1]) for x in p.conditions)
     how = f"modes at {p.condition[0]} {values}"
     keys = [
-        ("apart", p.n_apart, "causes or groups of causes that it would tell apart"),
-        ("seen", f"{seen} of {len(p.effects)}", "causes that it would see at their expected size"),
+        ("apart", p.n_apart, "causes or groups of causes that it could distinguish"),
+        ("seen", f"{seen} of {len(p.effects)}", "causes detectable at their expected size"),
         ("noise", percent(p.noise), "noise of a frequency"),
-        ("discrepancy", percent(p.discrepancy), "error that any model of the structure has"),
+        ("discrepancy", percent(p.discrepancy), "model error (discrepancy)"),
     ]
-    modes = doc.Table("mode | >frequency, Hz", caption="As the nominal model has them", id="modes")
+    modes = doc.Table("mode | >frequency, Hz", caption="Of the baseline model", id="modes")
     for name, hz in zip(p.mode_names, p.frequencies_hz, strict=True):
         modes.add(name, hertz(hz))
     explained = (
-        "Each effect is put into the model at its expected size, and every other one is fitted to "
-        "what the test would then measure, with all that is uncertain in any case. D is half of "
-        f"what is left, in standard deviations of noise and model error: below {APART} the two "
-        "would be taken for each other in more than 1 % of tests."
+        "Each effect is added to the model at its expected size, and every other one is fitted to "
+        "the data that the test would then give, with all tolerances free. D is half of the "
+        f"remaining difference, in standard deviations of noise and model error. Below {APART} the "
+        "two would be confused in more than 1 % of tests."
     )
     picture = (
-        "A row is the effect at work, a column what it may be taken for; orange is near, blue "
-        "apart. Frames hold what this test would not tell apart, one way round or the other."
+        "A row is the effect that is present, a column the effect that it may be mistaken for; "
+        "orange: confusable, blue: distinct. Frames enclose the effects that this test could not "
+        "distinguish."
     )
     caption = (
-        "D of the row's effect, if it is at work, from the nearest that the column's can make; "
-        "columns by the rows' numbers"
+        "D between the row's effect and the nearest prediction of the column's; columns have the "
+        "numbers of the rows"
     )
     return doc.Document(
         p.title,
-        "what the planned test could tell",
-        "Before any data: what the planned test could tell",
+        "what the planned test could show",
+        "Before any data: what the planned test could show",
         [
-            doc.Verdict("what the planned test could tell", [("", s) for s in p.sentences()]),
+            doc.Verdict("what the planned test could show", [("", s) for s in p.sentences()]),
             doc.OnPage([doc.Keys(keys)]),
-            doc.Heading("Which causes it could tell apart", "which"),
+            doc.Heading("Which causes it could distinguish", "which"),
             doc.OnPage([doc.Text(explained), doc.Text(picture)]),
             doc.Figure(lambda: matrix_picture(p), caption, wide=True),
             *_groups(p),
@@ -139,31 +139,31 @@ def plan_document(p: Plan) -> doc.Document:
 
 
 def _groups(p: Plan) -> list:
-    """Classes of effects that the test would not tell apart."""
+    """Classes of effects that the test could not distinguish."""
     if not p.classes:
         return []
     table = doc.Table(
-        "group | causes | >collinearity | what cancels | >it leaves",
-        caption="The changes that cancel best, and what they leave; a collinearity index above 20 "
-        "says that no size would help",
+        "group | causes | >collinearity | changes that cancel | >remainder",
+        caption="The changes that cancel best, and the remainder; with a collinearity index above "
+        "20 no size of the effects would help",
         id="classes",
     )
     for c in p.classes:
-        names = "; ".join(map(spaced, c.members))
+        names = "; ".join(map(with_place, c.members))
         index = doc.Cell(number(c.collinearity, 2), kind="flag" if c.collinearity > 20 else "")
         table.add(c.letter, names, index, c.combination, f"{c.left:.1f} s.d.")
-    return [doc.OnPage([doc.Heading("Groups that it would not tell apart", level=3), table])]
+    return [doc.OnPage([doc.Heading("Groups that it could not distinguish", level=3), table])]
 
 
 def _effects(p: Plan) -> doc.Table:
-    """Every effect at its expected size: how far from no gap, and what it may be taken for."""
+    """Every effect at its expected size: its D from the baseline, and its most likely mistake."""
     table = doc.Table(
-        "> | effect | group | >D: no gap | >named | >or taken for | >share | "
+        "> | effect | group | >D: baseline | >named | >mistaken for | >share | "
         "expected size | >D over its sizes",
-        caption="Every effect at its expected size: of the median of its prior and one standard "
-        "deviation either way, the one of middle length. Named, or taken for another (by its "
-        "number): mean probabilities in simulated tests with that cause alone, of any size that is "
-        "probable, weighed as a diagnosis weighs one effect at a time",
+        caption="Every effect at its expected size: the middle of three sizes, the median of its "
+        "prior and one standard deviation either way. Named, or mistaken for another (by its "
+        "number): mean probabilities in simulated tests with this cause alone, its size drawn from "
+        "the prior",
         id="effects",
         most=_EFFECTS,
         page_columns=2,
@@ -173,12 +173,16 @@ def _effects(p: Plan) -> doc.Table:
         shares = [MISSING] * 3
         if (found := likeliest(p, i)) is not None:
             named, other, share = found
-            shares = [probability(named), places.get(other, other), probability(share)]
+            shares = [
+                probability(named),
+                places.get(other) or effect_name(other),
+                probability(share),
+            ]
         size = ", ".join(f"{n} = {quantity(value, e.units[n])}" for n, value in e.size.items())
         table.add(
             places[e.key],
-            doc.Cell(spaced(e.key), note=e.describe),
-            e.letter or ("" if e.seen else "unseen"),
+            doc.Cell(with_place(e.key), note=e.describe),
+            e.letter or ("" if e.seen else "not detectable"),
             doc.Cell(f"{e.distance:.1f}", kind="" if e.seen else "flag"),
             *shares,
             size,
@@ -192,15 +196,15 @@ def _additions(p: Plan, seen: int) -> list:
     """Gain of further measurements."""
     heading = doc.Heading("What to measure next", "next")
     if not p.additions:
-        words = "Nothing more is needed: it would see every cause and tell each from every other."
+        words = "No further measurement is needed: the test detects and distinguishes all causes."
         return [heading, doc.OnPage([doc.Text(words)])]
     words = (
-        "Each row is one measurement more, of the same quality. The pairs that the test leaves "
-        "together are compared again with it, every rival fitted anew to everything."
+        "Each row is one further measurement of the same quality. The pairs that the test cannot "
+        "distinguish are compared again with it, every rival fitted to all data."
     )
     table = doc.Table(
-        "measured besides | >apart | >seen | >mean gain of D | >largest | that is between",
-        caption="The most telling first",
+        "further measurement | >distinct | >detected | >mean gain of D | >largest | between",
+        caption="The most useful first",
         id="additions",
         most=_ADDITIONS,
         page_columns=2,
@@ -208,7 +212,7 @@ def _additions(p: Plan, seen: int) -> list:
     nothing = (MISSING, MISSING, "")
     table.add("the test as planned", str(p.n_apart), str(seen), *nothing, style="dim")
     for i, a in enumerate(p.additions):
-        pair = " and ".join(map(spaced, a.pair)) if a.largest_gain >= 0.01 else MISSING
+        pair = " and ".join(map(with_place, a.pair)) if a.largest_gain >= 0.01 else MISSING
         gains = (f"{a.mean_gain:.2f}", f"{a.largest_gain:.2f}")
         style = "" if i else "lead"
         table.add(a.measurement, str(a.apart), str(a.seen), *gains, pair, style=style)
@@ -216,8 +220,8 @@ def _additions(p: Plan, seen: int) -> list:
 
 
 def likeliest(p: Plan, i: int) -> tuple[float, str, float] | None:
-    """How often an effect is named where it is the cause, what else it is taken for most often,
-    and how often; None if no test of it was simulated."""
+    """How often an effect is named where it is the cause, the effect that it is most often mistaken
+    for, and how often; None if no test of it was simulated."""
     row = p.taken_for[i]
     if np.isnan(row).any():
         return None
@@ -229,7 +233,7 @@ def likeliest(p: Plan, i: int) -> tuple[float, str, float] | None:
 def matrix_picture(p: Plan) -> str:
     """The matrix of distances D, members of a class together, as ``<svg>``."""
     n = len(p.effects)
-    names = [spaced(e.key) for e in p.effects]
+    names = [with_place(e.key) for e in p.effects]
     D = p.distances.copy()
     D[np.arange(n), np.arange(n)] = np.nan
     colours = LinearSegmentedColormap.from_list(
@@ -246,10 +250,10 @@ def matrix_picture(p: Plan) -> str:
         draw_matrix(axes, D, colours, (0, 2 * APART), _short if n <= _NUMBERED else None)
         numbers = [str(i + 1) for i in range(n)]
         axes.set_yticks(range(n), [f"{name}  {i}" for name, i in zip(names, numbers, strict=True)])
-        axes.set_xticks(range(n + 1), [*numbers, "no gap"])
+        axes.set_xticks(range(n + 1), [*numbers, "baseline"])
         axes.tick_params(length=0, top=True, bottom=False, labeltop=True, labelbottom=False)
         axes.get_xticklabels()[-1].set_rotation(90)
-        axes.set_xlabel("taken for", labelpad=6)
+        axes.set_xlabel("mistaken for", labelpad=6)
         axes.xaxis.set_label_position("top")
         letters = [e.letter for e in p.effects]
         for c in p.classes:
@@ -266,6 +270,6 @@ def _short(distance: float) -> str:
 def _matrix_words(p: Plan) -> str:
     groups = "; ".join(", ".join(c.members) for c in p.classes) or "none"
     return (
-        "Matrix of the distance of each effect, if it is at work, from what each other can make. "
-        f"Effects that cannot be told apart: {groups}."
+        "Matrix of the distance of each effect from the nearest prediction of each other one. "
+        f"Effects that cannot be distinguished: {groups}."
     )

@@ -279,4 +279,4 @@ def test_diagnosis_of_the_brake_reuss_beam_names_friction_and_what_it_cannot_tel
     (group,) = {e.class_name for e in result.effects if e.name in (MICRO_SLIP, GROWING)}
     assert MICRO_SLIP in group and GROWING in group
     assert MICRO_SLIP in words.which and GROWING in words.which
-    assert "cannot tell apart" in words.which
+    assert "cannot distinguish" in words.which
