@@ -1,4 +1,4 @@
-"""The result of a diagnosis: where the gap lies, which effect causes it, how far it shrinks."""
+"""The result of a diagnosis: where the error lies, which effect causes it, how far it shrinks."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class EffectResult:
         name: The effect.
         region: Where it acts.
         probability: Probability that it is at work, 0 to 1: the sum over hypotheses with it.
-        class_name: Class of effects that this test cannot tell apart; its own name if it can.
-        detectable: Whether this test could see it at its expected size at all.
+        class_name: Class of effects that this test cannot distinguish; else its own name.
+        detectable: Whether this test could detect it at its expected size.
         describe: What it means.
         odds: Its prior odds relative to other effects; 0 for what is none.
     """
@@ -76,12 +76,12 @@ class HypothesisResult:
 
     def __repr__(self) -> str:
         label = shorten(self.label, 60)
-        return f"HypothesisResult({label}: {self.probability:.1%}, gap {self.gap:.2%})"
+        return f"HypothesisResult({label}: {self.probability:.1%}, error {self.gap:.2%})"
 
 
 @dataclass(frozen=True)
 class Separation:
-    """A measurement that would tell the members of a class apart.
+    """A measurement that would distinguish the members of a class.
 
     Attributes:
         class_name: The class.
@@ -107,15 +107,15 @@ class Diagnosis:
             confirm), ``no gap``, ``unknown`` or ``ambiguous``.
         summary: The verdict in one or two plain sentences.
         condition: Name and unit of the conditions, such as ("torque", "N·m").
-        before: Gap of the nominal model.
-        after: Gap of the leading hypothesis, fitted to all data.
-        noise: Root mean square of the measurement's own standard deviation: the least gap.
-        heldout_before: Gap of the nominal model on what is held out.
-        heldout_after: Gap on held-out data, selection and fitting done without them.
-        placebo_after: The same for the best wrong effect.
+        before: Error of the baseline model.
+        after: Error of the leading hypothesis, fitted to all data.
+        noise: Root mean square of the measurement's own standard deviation: the least error.
+        heldout_before: Error of the baseline model on held-out data.
+        heldout_after: Error on held-out data, selection and fitting done without them.
+        placebo_after: The same for the placebo, the best alternative explanation without the cause.
         placebo: Its label.
-        validation: Gap before and after on data that were never fitted; None if there are none.
-        where: Share of the misfit by region, most probable first, ``unexplained`` last.
+        validation: Error before and after on data that were never fitted; None without such.
+        where: Share of chi-square by region, most probable first, ``unexplained`` last.
         effects: Effects, most probable first; ``no gap`` and ``none of these`` among them.
         hypotheses: Hypotheses, most probable first.
         separations: How to split classes that this test leaves together.
@@ -135,7 +135,7 @@ class Diagnosis:
             that was not looked at.
         misattribution: How often, in simulated tests, a cause outside the library is taken for one
             of it; None where that was not looked at.
-        at_once: Probability of a misfit as large as all effects of the library at once leave; None
+        at_once: p-value of the fit with all effects of the library at once; None
             where the best few explain the test.
         without_partner: Names of the test's modes that match none of the model's, with or without
             an effect; they are left out of everything.
@@ -176,13 +176,13 @@ class Diagnosis:
 
     def _repr_html_(self) -> str:
         rows = [(e.name, e.region, probability(e.probability)) for e in self.effects[:8]]
-        gap = f"gap {percent(self.before.rms)} to {percent(self.after.rms)}"
+        gap = f"error {percent(self.before.rms)} to {percent(self.after.rms)}"
         held = f"held out {percent(self.heldout_before)} to {percent(self.heldout_after)}"
         caption = f"{self.title}: {self.verdict}; {gap}, {held}"
         return html_table(caption, ("effect", "region", "probability"), rows)
 
     def __repr__(self) -> str:
-        gap = f"gap {self.before.rms:.2%} to {self.after.rms:.2%}"
+        gap = f"error {self.before.rms:.2%} to {self.after.rms:.2%}"
         lead = next((h.label for h in self.hypotheses), "")
         return f"Diagnosis({self.verdict}: {shorten(lead, 40)}; {gap}; {len(self.effects)} effects)"
 

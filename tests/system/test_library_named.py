@@ -70,4 +70,4 @@ def test_one_effect_is_named_and_not_its_look_alikes(searched, truth, cause):
     # At one torque a smaller area and one that follows the pressure are the same: counted once.
     assert AREA not in {e.name for e in model.effects}
     words = next(e.describe for e in model.effects if e.name == LOST)
-    assert words.endswith(f"In this test that is also: {AREA} (joint).")
+    assert words.endswith(f"In this test it is equivalent to {AREA} (joint).")

@@ -95,7 +95,7 @@ def distinct(
             found[effect.key] = effect
             continue
         first = found[same[0].key]
-        words = f"{first.describe} In this test {effect.key} is the same."
+        words = f"{first.describe} In this test it is equivalent to {effect.key}."
         found[first.key] = replace(first, describe=words.strip())
     return tuple(found.values())
 
