@@ -26,11 +26,41 @@ LONG = frozenset(
         "demo_lap_plates",
     }
 )
+#: What each picture shows, for those who do not see it.
+SHOWN = {
+    "barc": "Mesh of a box with a slot across its roof, two feet, a beam and the masses of screws",
+    "demo_bayes": "k2 over k1 of the specimens, simulated and sampled, and the correlations of "
+    "measured frequencies beside those of two models",
+    "demo_bolted_beams": "Five mode shapes, the frequency errors of two fits mode by mode, and the "
+    "accelerance at three torques",
+    "demo_bolted_plates": "Contact radius over bolt force for seven plate thicknesses, printed and "
+    "computed, with rigid and with soft contact",
+    "demo_c_beam": "Frequencies of six modes over the cut-off pressure, computed and measured, "
+    "without and with sliding contact",
+    "demo_cad_bracket": "Sensitivities of five frequencies to the modulus of four bolts' rings",
+    "demo_diagnosis": "Probabilities of seven hypotheses, and the errors of held-out data before "
+    "and after the correction",
+    "demo_dumbbell": "Frequency errors of three fits mode by mode, and a frequency response "
+    "function of the test, before and after updating",
+    "demo_engraving_machine": "The frame, five mode shapes, the bolts that matter to each mode, "
+    "frequencies over the rings' E and h, and the effect of each loose bolt",
+    "demo_half_lap_beam": "Damping and frequency of the first mode over its acceleration, measured "
+    "and with a lap that slips",
+    "demo_lap_beam": "Sensitivities of a frequency over the layer's Poisson's ratio, and the "
+    "frequency errors without and with the masses of bolt and sensor",
+    "demo_lap_plates": "Frequencies of four bending modes over the torque: measured, with bonded "
+    "plates, and with joint and masses",
+    "demo_nonlinear": "Tip acceleration over frequency at three forces, measured and computed, and "
+    "the objective over the steps of the search",
+    "demo_random_field": "Stiffness along the lap for three correlation lengths, the scatter of "
+    "eight frequencies, and their correlations",
+    "jim_beam": "Mesh of three plates that form a U, with eight sensors",
+}
 HEAD = """# Gallery
 
 Each demo is a structure with its own page, and one or more scripts that read as a story: run as
 they are, or turned into notebooks by jupytext. Each asserts a published number.
-Pictures are drawn by the scripts{when}.
+The scripts draw the pictures{when}; a demo without a script shows its mesh.
 
 """
 
@@ -56,30 +86,33 @@ def write(repository: Path, source: Path, run: bool, long: bool = False) -> None
             readme.read_text("utf-8"), f"demos/{name}/README.md", places(repository), source
         )
         scripts = sorted(readme.parent.glob("demo_*.py"))
-        if (repository / "docs" / "gallery" / f"{name}.png").exists():
-            shutil.copy(repository / "docs" / "gallery" / f"{name}.png", folder)
         stories = [_story(script, folder, run, long) for script in scripts]
+        text += _card(name, page, stories)
+        if name in SHOWN:
+            shutil.copy(repository / "docs" / "gallery" / f"{name}.png", folder)
+            page = page.replace("\n", f"\n\n{_picture(name)}\n", 1)
         (folder / f"{name}.md").write_text(page + _scripts(stories), encoding="utf-8")
-        text += _card(name, folder, page, stories)
     text += "\n```{toctree}\n:hidden:\n\n" + "\n".join(names) + "\n```\n"
     (folder / "index.md").write_text(text, encoding="utf-8")
 
 
-def _story(script: Path, folder: Path, run: bool, long: bool) -> tuple[str, str, bool]:
-    """Write a script's page; its name, title, and whether it has a picture."""
+def _story(script: Path, folder: Path, run: bool, long: bool) -> tuple[str, str]:
+    """Write a script's page; its name and title."""
     name = script.stem
     picture = folder / f"{name}.png"
     printed = _run(script, picture, long) if run and (long or name not in LONG) else None
-    committed = script.parents[2] / "docs" / "gallery" / f"{name}.png"
-    if not picture.exists() and committed.exists():
-        shutil.copyfile(committed, picture)
+    if not picture.exists():
+        shutil.copyfile(script.parents[2] / "docs" / "gallery" / f"{name}.png", picture)
     text = _markdown(script)
     title, _, rest = text.partition("\n")
-    shown = f"\n![{title.strip('# ')}]({name}.png)\n" if picture.exists() else ""
     if printed:
         rest += f"\n## What it prints\n\n```text\n{printed.strip()}\n```\n"
-    (folder / f"{name}.md").write_text(f"{title}\n{shown}{rest}", encoding="utf-8")
-    return name, title.strip("# "), picture.exists()
+    (folder / f"{name}.md").write_text(f"{title}\n\n{_picture(name)}\n{rest}", encoding="utf-8")
+    return name, title.strip("# ")
+
+
+def _picture(name: str) -> str:
+    return f"![{SHOWN[name]}]({name}.png)"
 
 
 def _run(script: Path, picture: Path, long: bool) -> str | None:
@@ -113,22 +146,18 @@ def _markdown(script: Path) -> str:
     return re.sub(r"^<!-- #(end)?region.*-->\n", "", text, flags=re.MULTILINE)
 
 
-def _scripts(stories: list[tuple[str, str, bool]]) -> str:
+def _scripts(stories: list[tuple[str, str]]) -> str:
     if not stories:
         return ""
     text = "\n## The scripts\n\n"
-    for name, title, picture in stories:
-        text += f"[{title}]({name}.md)\n\n"
-        text += f"[![{title}]({name}.png)]({name}.md)\n\n" if picture else ""
-    listed = "\n".join(name for name, _, _ in stories)
+    for name, title in stories:
+        text += f"[{title}]({name}.md)\n\n[{_picture(name)}]({name}.md)\n\n"
+    listed = "\n".join(name for name, _ in stories)
     return f"{text}```{{toctree}}\n:hidden:\n\n{listed}\n```\n"
 
 
-def _card(name: str, folder: Path, page: str, stories: list[tuple[str, str, bool]]) -> str:
-    """The demo's title, first paragraph and first picture."""
-    title = re.match(r"# (.*)", page)[1]
-    text = f"## [{title}]({name}.md)\n\n"
-    pictures = [story[0] for story in stories if story[2]]
-    if pictures or (folder / f"{name}.png").exists():
-        text += f"[![{title}]({(pictures or [name])[0]}.png)]({name}.md)\n\n"
-    return text
+def _card(name: str, page: str, stories: list[tuple[str, str]]) -> str:
+    """The demo's title, first picture and first paragraph."""
+    title, words, *_ = page.split("\n\n")
+    picture = _picture(stories[0][0] if stories else name)
+    return f"## [{title[2:]}]({name}.md)\n\n[{picture}]({name}.md)\n\n{words}\n\n"

@@ -1,4 +1,4 @@
-"""The reference of the case file, from its schema, and of the command line, from its help."""
+"""The reference of the case file, from its schema: a page for each section."""
 
 from __future__ import annotations
 
@@ -8,25 +8,33 @@ from pathlib import Path
 
 HEAD = """# The case file, key by key
 
-Made from the schema that `fenics-joints schema` prints. Lengths, masses and moduli are numbers in
-SI units, or texts with a unit (`"8 mm"`). [Case files](case.md) says what belongs together, and the
-demos' `case.toml` have a comment on every number.
+Made from the schema that `fenics-joints schema` prints. A quantity is a number in the unit of its
+row, or a text with another unit (`"8 mm"`). [From your files to a case](case.md) explains which
+sections belong together, and the demos' `case.toml` have a comment on every number.
+
+| section | |
+|---|---|
 """
 
 
 def write(source: Path) -> None:
-    """Write `case-file.md`."""
+    """Write `case-file.md`, and `case-file/NAME.md` for each section."""
     from fenics_joints.case.schema import case_schema
 
+    folder = source / "case-file"
+    folder.mkdir()
     schema = case_schema()
-    kinds = schema["$defs"]
-    text = HEAD
-    for key, value in schema["properties"].items():
-        if key == "title":
-            text += f"\n`title`: {value['description']}\n"
-            continue
-        text += f"\n## `[{key}]`\n\n{value['description']}\n" + _section(key, value, kinds, set())
-    (source / "case-file.md").write_text(text, encoding="utf-8")
+    sections = dict(schema["properties"])
+    rows = f"| `title` | {sections.pop('title')['description']} |\n"
+    for key, value in sections.items():
+        words = value["description"].replace(", or None", "")
+        rows += f"| [`[{key}]`](case-file/{key}.md) | {words} |\n"
+        tables = _section(key, value, schema["$defs"], set())
+        text = f"# `[{key}]`\n\n{words}\n" + tables.replace(f"\n## `[{key}]`\n", "")
+        (folder / f"{key}.md").write_text(text, encoding="utf-8")
+    listed = "\n".join(f"case-file/{key}" for key in sections)
+    toc = f"\n```{{toctree}}\n:hidden:\n\n{listed}\n```\n"
+    (source / "case-file.md").write_text(HEAD + rows + toc, encoding="utf-8")
 
 
 def _section(path: str, schema: dict, kinds: dict, seen: set[str]) -> str:
@@ -68,8 +76,8 @@ def _table(path: str, kind: dict) -> str:
         for key, value in properties.items()
         if "const" not in value
     )
-    table = f"| key | value | default | |\n|---|---|---|---|\n{rows}\n" if rows else ""
-    return f"\n### {title}\n\n{words}\n\n{table}"
+    table = f"| key | type or unit | default | |\n|---|---|---|---|\n{rows}\n" if rows else ""
+    return f"\n## {title}\n\n{words}\n\n{table}"
 
 
 def _of_a_builder(properties: dict) -> dict[str, str]:
@@ -101,7 +109,8 @@ def _kind(schema: dict) -> str:
         kinds = [_kind(one) for one in schema.get("anyOf", schema.get("oneOf"))]
         return " or ".join(dict.fromkeys(kind for kind in kinds if kind != "nothing"))
     if "unit" in schema:
-        return schema["description"].rpartition("(")[2].rstrip(")")
+        words = schema["description"].rpartition("(")[2].rstrip(")")
+        return words.removeprefix("in ").replace(", or a text with its unit", "")
     names = {
         "string": "text",
         "number": "number",

@@ -188,13 +188,30 @@ def test_the_site_builds_without_a_warning(tmp_path):
                 if not target.exists() or anchor not in known:
                     lost.append((page.name, link))
     assert len(built) > 60 and not lost
+    for page, text in built.items():
+        if page.parent.name == "gallery":
+            assert re.search(r'<img alt="[^"]{20}', text), f"{page.name} has no picture"
+
+
+def made_by(name: str):
+    """The module of the site of this name."""
+    path = REPOSITORY / "docs" / "site_pages" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(("room", "example"), made_by("api").EXAMPLES.items())
+def test_an_example_of_each_room_has_its_names(room, example):
+    pytest.importorskip("jupytext")
+    names = importlib.import_module(f"fenics_joints.{room}").__all__
+    code = made_by("api").example(*example)
+    assert any(re.search(rf"\b{name}\b", code) for name in names)
 
 
 def test_table_of_nonlinear_laws():
     """`docs/site_pages/laws.py` writes it from the classes of the case file."""
-    path = REPOSITORY / "docs" / "site_pages" / "laws.py"
-    spec = importlib.util.spec_from_file_location("laws", path)
-    laws = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(laws)
+    laws = made_by("laws")
     found = laws.table()
     assert "`E_p` | Pa | needed" in found and found in laws.PAGE.read_text(encoding="utf-8")
