@@ -86,8 +86,26 @@ def point_mm(point_m: Sequence[float]) -> str:
 
 def extents(size_m: Sequence[float]) -> str:
     """The extents of a body, m, in the unit that suits the largest: ``200 x 160 x 171 mm``."""
-    factor, unit = prefixed(max(size_m), "m")
-    return " x ".join(number(float(s) * factor) for s in size_m) + f" {unit}"
+    size = float(max(size_m))
+    factor, unit = prefixed(size, "m")
+    known = [float(length_mm(s, size)) * 1e-3 for s in size_m]
+    return " x ".join(number(s * factor) for s in known) + f" {unit}"
+
+
+def length_mm(length_m: float, size_m: float) -> str:
+    """A coordinate or a distance, m, in millimetres without its unit: ``24.85``; never ``-0``.
+
+    To a ten-thousandth of the structure's size or better, as far as a mesh knows it, and not below
+    1 um.
+
+    Args:
+        length_m: The length.
+        size_m: Size of the structure, m; 0 where it is not known.
+    """
+    power = math.floor(math.log10(1e-1 * size_m)) if size_m > 0 else -3
+    digits = min(max(-power, 0), 3)
+    words = f"{round(1e3 * float(length_m), digits) + 0.0:.{digits}f}"
+    return words.rstrip("0").rstrip(".") if digits else words
 
 
 def prefixed(value: float, unit: str, digits: int = 3) -> tuple[float, str]:

@@ -127,7 +127,7 @@ class Case(CaseSection):
     @property
     def name(self) -> str:
         """The title, or else the name of the folder."""
-        return self.title or printable(self._path.parent.name)
+        return self.title or printable(self._path.resolve().parent.name)
 
     @property
     def folder(self) -> Path:

@@ -104,7 +104,7 @@ def check_combined(case: Case) -> Iterator[str]:
     section = None if test is None else test.frfs
     if section is not None and frfs is not None and section.averages is not None:
         if frfs.coherence is None or np.isnan(frfs.coherence[:, frfs.measured]).any():
-            expected = "expected the coherence of every function in the files, or noise instead"
+            expected = "expected the coherence of every FRF in the files, or noise instead"
             yield message("test.frfs.averages", section.averages, expected)
     if update is None:
         return
@@ -155,7 +155,7 @@ def _without_effect(case: Case) -> Iterator[str]:
                 f"update.parameters[{i}]",
                 name,
                 "undamped frequencies and shapes do not depend on damping; expected 'damping' or "
-                "'frfs' in update.data: measured damping ratios (test.damping) or functions "
+                "'frfs' in update.data: measured damping ratios (test.damping) or FRFs "
                 "(test.frfs)",
             )
 
@@ -180,11 +180,9 @@ def _check_data(case: Case) -> Iterator[str]:
             yield message(f"update.data[{i}]", kind, f"there are none: expected {keys[kind]}")
     wanted = case.fitted_data()
     if not wanted:
-        yield "update: expected measured frequencies, shapes or functions in [test]"
+        yield "update: expected measured frequencies, shapes or FRFs in [test]"
     if "frequencies" in wanted and measured is not None and np.any(measured.log_sd() == 0):
-        yield (
-            "test.noise = 0: expected it or test.resolution above 0: it is what frequencies weigh"
-        )
+        yield "test.noise = 0: expected it or test.resolution above 0, to weight the frequencies"
     if update.method == "weighted":
         for kind in {"shapes", "damping"} & set(wanted):
             expected = f"expected no {kind} in update.data: the paper's equations have none"
@@ -195,7 +193,7 @@ def _check_data(case: Case) -> Iterator[str]:
         if not case.is_damped and "damping" not in wanted:
             yield (
                 "damping is missing: expected a section [damping], without which the model's "
-                "functions are infinite at its resonances"
+                "FRFs are infinite at its resonances"
             )
         if frfs is not None:
             yield from _check_lines(update.lines, frfs.frequencies_hz)

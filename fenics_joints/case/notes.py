@@ -13,8 +13,8 @@ OF_MODEL = "model: "
 #: A sensor that was moved less, m, stood where the mesh ends, but for the digits of its file.
 _MOVED = 1e-6
 _NO_SENSORS = (
-    "it does not say where its sensors were and which way they looked ([test.sees], points and "
-    "direction): its modes are taken as the model's lowest in their order, whatever moves in them"
+    "the places and directions of its sensors are not given ([test.sees], points and direction): "
+    "its modes are taken as the model's lowest, in order of frequency and without their shapes"
 )
 
 

@@ -53,7 +53,7 @@ def plausibility(case: Case) -> tuple[str, ...]:
 
 
 def _said(keys: list[str], value: float, usual: Usual) -> str:
-    more = f" (and {len(keys) - 1} like it)" if len(keys) > 1 else ""
+    more = f" (and {len(keys) - 1} more with this value)" if len(keys) > 1 else ""
     unit = usual.unit.replace("*", " ")
     low, high = (quantity(v, unit) for v in (usual.low, usual.high))
     given = f"{value:g} {unit}".rstrip()
@@ -110,7 +110,7 @@ def _mesh(case: Case) -> Iterator[Found]:
     longest = max((x for given in along if given for x in np.atleast_1d(given)), default=math.inf)
     for value in np.atleast_1d(getattr(case.mesh, "thickness", None) or ()).tolist():
         if USUAL["length"].holds(value):
-            words = "beams and plates are thinner than they are long,"
+            words = "the thickness of beams and plates is less than their length,"
             yield "mesh.thickness", value, Usual(words, 0.0, float(longest), "m")
 
 
@@ -139,7 +139,7 @@ def _starts(case: Case) -> Iterator[Found]:
         factor = 3.0 if name.partition(".")[0] in case.parts else 1e4
         low, high = sorted((value / factor, value * factor))
         with suppress(InputError):  # the check of the case reports it
-            words = "with this nominal model, starts are"
+            words = "with this baseline model, starts are"
             yield f"update.start.{name}", to_si(given, unit), Usual(words, low, high, unit)
 
 

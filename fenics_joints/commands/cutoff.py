@@ -367,7 +367,7 @@ def cutoff_document(u: CutoffReport) -> doc.Document:
     return doc.Document(
         u.case.name,
         "cut-off pressure",
-        "Contact updated by one number: the pressure below which it is lost",
+        "Contact updated by one number: the cut-off pressure below which it is lost",
         [
             *blocks,
             doc.Heading("The contact under preload"),

@@ -21,16 +21,16 @@ app = new_app(
 
 _SHIPPED = "The database; by default the published tables that come with the package."
 DatabaseOption = Annotated[Path | None, file_option("--db", _SHIPPED)]
-OwnDatabaseOption = Annotated[Path, file_option("--db", "The database; made if it is not there.")]
+OwnDatabaseOption = Annotated[Path, file_option("--db", "The database; made if it does not exist.")]
 ModelOption = Annotated[
-    str | None, typer.Option("--model", help="Whose rows, if there are those of several models.")
+    str | None, typer.Option("--model", help="Use the rows of this model only.")
 ]
 JsonOption = Annotated[Path | None, file_option("--json", "Write the result as JSON.")]
 AuthorOption = Annotated[
     str | None, typer.Option("--author", help="Who computed it; by default the user.")
 ]
 BoltOption = Annotated[str, typer.Option("--bolt", help="Thread: M12, M12x1.25, 5/16-24, ...")]
-ForceOption = Annotated[str | None, typer.Option(help="Of the bolt, such as '50 kN'.")]
+ForceOption = Annotated[str | None, typer.Option(help="Bolt force, such as '50 kN'.")]
 TorqueOption = Annotated[str | None, typer.Option(help="Tightening torque, such as '120 N·m'.")]
 RoughnessOption = Annotated[str | None, typer.Option(help="Ra, such as '1.6 µm'.")]
 
@@ -50,7 +50,7 @@ _EXAMPLES = {
 @app.command()
 def query(
     bolt: BoltOption,
-    thickness: Annotated[str, typer.Option(help="Of one plate, such as '25 mm'.")],
+    thickness: Annotated[str, typer.Option(help="Thickness of one plate, such as '25 mm'.")],
     torque: TorqueOption = None,
     force: ForceOption = None,
     K: Annotated[float, typer.Option("--K", help="Nut factor of T = K d F.")] = 0.2,
@@ -62,7 +62,10 @@ def query(
     ] = None,
     roughness: RoughnessOption = None,
     extrapolate: Annotated[
-        bool, typer.Option("--extrapolate", help="Answer outside the data too, marked as such.")
+        bool,
+        typer.Option(
+            "--extrapolate", help="Also answer outside the range of the data, with a mark."
+        ),
     ] = False,
     db: DatabaseOption = None,
     model: ModelOption = None,
@@ -99,14 +102,18 @@ def add(
     bolt: Annotated[str | None, typer.Option("--bolt", help="Thread of a single row.")] = None,
     force: ForceOption = None,
     torque: TorqueOption = None,
-    thickness: Annotated[str | None, typer.Option(help="Of one plate, such as '25 mm'.")] = None,
+    thickness: Annotated[
+        str | None, typer.Option(help="Thickness of one plate, such as '25 mm'.")
+    ] = None,
     roughness: RoughnessOption = None,
     radius: Annotated[str | None, typer.Option(help="Contact radius, such as '43 mm'.")] = None,
-    pressure: Annotated[str | None, typer.Option(help="Mean, such as '6 MPa'.")] = None,
-    E: Annotated[str | None, typer.Option("--E", help="Such as '6.1 GPa'.")] = None,
+    pressure: Annotated[str | None, typer.Option(help="Mean pressure, such as '6 MPa'.")] = None,
+    E: Annotated[
+        str | None, typer.Option("--E", help="Modulus of the interface, such as '6.1 GPa'.")
+    ] = None,
     nu: Annotated[float | None, typer.Option("--nu", help="Poisson's ratio.")] = None,
     h: Annotated[
-        str | None, typer.Option("--h", help="Of the interface, such as '0.7 mm'.")
+        str | None, typer.Option("--h", help="Thickness of the interface, such as '0.7 mm'.")
     ] = None,
     model: Annotated[str | None, typer.Option(help="Name of the model or test.")] = None,
     author: AuthorOption = None,
@@ -125,9 +132,7 @@ def add(
         from fenics_joints.preload.threads import thread
 
         if (csv is None) == (bolt is None):
-            raise InputError(
-                "expected --csv FILE, or --bolt and what is known of it, one of the two"
-            )
+            raise InputError("expected either --csv FILE, or --bolt with its values")
         row = None
         if bolt is not None:
             t = thread(bolt)
@@ -145,8 +150,8 @@ def add(
 def sweep(
     db: OwnDatabaseOption,
     bolt: Annotated[list[str], typer.Option(help="Thread; may be repeated.")],
-    force: Annotated[str, typer.Option(help="Such as '12.5, 25, 37.5 kN'.")],
-    thickness: Annotated[str, typer.Option(help="Such as '10, 15, 20 mm'.")],
+    force: Annotated[str, typer.Option(help="Forces, such as '12.5, 25, 37.5 kN'.")],
+    thickness: Annotated[str, typer.Option(help="Thicknesses, such as '10, 15, 20 mm'.")],
     roughness: Annotated[str | None, typer.Option(help="Ra, such as '0.8, 1.6 µm'.")] = None,
     analysis: Annotated[
         str,
@@ -154,9 +159,13 @@ def sweep(
     ] = "fenics_joints.database.analysis:bolted_plates_radius",
     setting: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="Of the analysis; may be repeated."),
+        typer.Option(
+            "--set", metavar="NAME=VALUE", help="Setting of the analysis; may be repeated."
+        ),
     ] = None,
-    retry: Annotated[bool, typer.Option("--retry", help="Also what failed before.")] = False,
+    retry: Annotated[
+        bool, typer.Option("--retry", help="Repeat samples that failed before.")
+    ] = False,
     author: AuthorOption = None,
     debug: DebugOption = False,
 ) -> None:
@@ -232,7 +241,9 @@ def show(
 def web(
     db: DatabaseOption = None,
     model: ModelOption = None,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="0 for any that is free.")] = 8088,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of the page; 0 for any free one.")
+    ] = 8088,
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")
     ] = True,

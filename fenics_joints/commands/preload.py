@@ -194,8 +194,8 @@ class PreloadReport:
         ]
         if not np.isfinite(self.become_hz).all():
             found.append(
-                "a mode with only one frequency has no counterpart of its shape in the other "
-                "state: faces that slide or open change the shapes"
+                "a mode with only one frequency has no mode of similar shape in the other state: "
+                "faces that slide or open change the shapes"
             )
         if self.free_motions:
             found.append(
@@ -350,7 +350,7 @@ def preload_document(p: PreloadReport) -> doc.Document:
         id="frequencies",
     )
     press = ", and to obstacles where they press" if p.applied else ""
-    held = f"Stuck: each face is held to the other everywhere{press}."
+    held = f"Stuck: the faces are bonded everywhere{press}."
     return doc.Document(
         p.case.name,
         "contact under preload",
@@ -364,7 +364,7 @@ def preload_document(p: PreloadReport) -> doc.Document:
                 ]
             ),
             doc.OnPage(lambda: _scene(p.result)),
-            doc.Heading("What the preload does to the frequencies"),
+            doc.Heading("Effect of the preload on the frequencies"),
             doc.Text(
                 f"{held} Preloaded: open where the preload leaves a gap, free to slide where it "
                 "slips."
@@ -394,11 +394,11 @@ def _applied(facts: Sequence[dict]) -> list:
     ]
     table = doc.Table.of(
         rows,
-        "name: what acts | kind: kind | way: moved by | force: force on the bodies",
-        caption="Components x, y, z. The force of a face that is moved is what holds it there",
+        "name: name | kind: kind | way: moved by | force: force on the bodies",
+        caption="Components x, y, z. On a displaced face the force is its reaction",
         id="applied",
     )
-    return [doc.Heading("What acts on the bodies"), table]
+    return [doc.Heading("Obstacles, displacements and loads"), table]
 
 
 def _words(vector: Sequence[float | None], unit: str) -> str:
@@ -434,8 +434,8 @@ def _contact_table(c: dict) -> doc.Table:
     table.add("force between the faces", quantity(c["force_n"], "N"))
     table.add("peak pressure, mean over a facet", quantity(c["peak_pressure_pa"], "Pa"))
     table.add("peak pressure at a vertex", quantity(c["peak_nodal_pressure_pa"], "Pa"))
-    table.add("mean pressure where it presses", quantity(c["mean_pressure_pa"], "Pa"))
-    table.add("area that presses", f"{presses} of {whole}")
+    table.add("mean pressure over the pressed area", quantity(c["mean_pressure_pa"], "Pa"))
+    table.add("pressed area", f"{presses} of {whole}")
     table.add("area above 1 MPa", area_words(c["area_above_1_mpa_m2"]))
     for bolt, radius in c["radius_m"].items():
         if bolt in c["equal_radius_m"]:

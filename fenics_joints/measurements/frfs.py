@@ -78,7 +78,7 @@ class MeasuredFRFs:
 
     def __repr__(self) -> str:
         low, high = self.frequencies_hz[[0, -1]]
-        count = f"{int(self.measured.sum())} functions, {self.kind}"
+        count = f"{int(self.measured.sum())} FRFs, {self.kind}"
         return f"MeasuredFRFs({count}, {low:g} to {high:g} Hz in {len(self)} lines)"
 
     def _checked_side(self, side: str, n: int) -> dict[str, object]:
@@ -112,7 +112,7 @@ class MeasuredFRFs:
         f, shape = self.frequencies_hz, self.measured.shape
         return "\n".join(
             [
-                f"{int(self.measured.sum())} functions, {self.kind} in {self.unit}: {shape[0]} "
+                f"{int(self.measured.sum())} FRFs, {self.kind} in {self.unit}: {shape[0]} "
                 f"responses, {shape[1]} references, {f[0]:g} to {f[-1]:g} Hz in {len(f)} lines",
                 self.reciprocity_words(),
                 self.coherence_words(),

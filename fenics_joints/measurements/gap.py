@@ -380,7 +380,7 @@ def _check_enough(candidates, n_test: int, modes: Modes, match: np.ndarray | Non
             partnered, _ = linear_sum_assignment(-match)
         raise TooFewModes(
             f"n_modes = {len(modes)}: the model has {len(candidates)} modes below {top:.0f} Hz "
-            f"that the test could see; expected at least {n_test}. Compute more modes.",
+            f"visible to the test; expected at least {n_test}. Compute more modes.",
             partnered,
         )
 

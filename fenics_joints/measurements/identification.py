@@ -82,9 +82,9 @@ class Links:
                 for one in (self.root, *lost)
             ]
             raise InputError(
-                f"the functions form sets without a common sensor or force: {'; '.join(texts)}; "
+                f"the FRFs form sets without a common sensor or force: {'; '.join(texts)}; "
                 "the scale and sign between their shapes are unknown. Expected a sensor, or a "
-                "place of the force, that is in both sets, or functions of one set only"
+                "place of the force, that is in both sets, or FRFs of one set only"
             )
 
     @property
@@ -300,7 +300,7 @@ def identify_modes(
     if not values.any(axis=0).all():
         k = int(np.argmin(values.any(axis=0)))
         raise InputError(
-            f"the function of {data.response_names[rows[k]]} by "
+            f"the FRF of {data.response_names[rows[k]]} by "
             f"{data.reference_names[columns[k]]} is zero in the band; expected measured values"
         )
     links = Links(data)
@@ -438,7 +438,7 @@ def _nearest(at: np.ndarray, near: Sequence[float]) -> list[int]:
             there = ", ".join(f"{x:.5g}" for x in at)
             raise InputError(
                 f"near = {f:g} Hz: expected a stable pole of its own within 5 %; the poles of the "
-                f"functions are at {there} Hz"
+                f"FRFs are at {there} Hz"
             )
         found.append(i)
     return sorted(found)

@@ -137,7 +137,7 @@ def _refuse_none(paths: Sequence[Path], sets: Sequence[Dataset], others: Sequenc
     there = f"of use are datasets {', '.join(map(str, kinds))} only" if kinds else "none is of use"
     raise InputError(
         f"{files}: no mode shape, {there}; expected datasets 55 or 2414. From "
-        "functions (datasets 58), [test.frfs.identify] finds the modes"
+        "FRFs (datasets 58), [test.frfs.identify] finds the modes"
     )
 
 

@@ -441,8 +441,8 @@ def _few_sensors(data: TestData, model_shapes: np.ndarray) -> list[str]:
         return []
     n = len(data.sensors)
     return [
-        f"test.sees: at {'its one sensor' if n == 1 else f'its {n} sensors'} all {m} modes look "
-        "alike; expected as many sensors as modes, at places where the modes differ"
+        f"test.sees: at {'its one sensor' if n == 1 else f'its {n} sensors'} all {m} modes have "
+        "the same shape; expected as many sensors as modes, at places where the modes differ"
     ]
 
 

@@ -67,7 +67,7 @@ def read_frfs(
     contents, seen = Contents(), set()
     for path in paths:
         if not is_file(path):
-            raise InputError(f"{shown_path(path)}: no such file, expected measured functions")
+            raise InputError(f"{shown_path(path)}: no such file, expected measured FRFs")
         if path.resolve() in seen:
             raise InputError(f"{path}: is named twice, expected each file once")
         seen.add(path.resolve())

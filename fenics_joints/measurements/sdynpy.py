@@ -50,7 +50,7 @@ def read_sdynpy(path: Path, metadata: FileMetadata) -> Contents:
             return _geometry(path, arrays, metadata)
         return _functions(path, arrays, metadata)
     except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: {error}: expected functions or a geometry of sdynpy") from error
+        raise InputError(f"{path}: {error}: expected FRFs or a geometry of sdynpy") from error
 
 
 def _functions(path: Path, arrays: dict[str, np.ndarray], metadata: FileMetadata) -> Contents:
@@ -73,7 +73,7 @@ def _functions(path: Path, arrays: dict[str, np.ndarray], metadata: FileMetadata
             reference = dofs[1] if kind == _COHERENCE[0] and len(dofs) > 1 else None
             record = dofs[0], reference, f[keep], np.real(y), where
             contents.coherences.append(CoherenceRecord(*record))
-    contents.notes.append(f"{path}: {len(data)} functions")
+    contents.notes.append(f"{path}: {len(data)} FRFs")
     return contents
 
 

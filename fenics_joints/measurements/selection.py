@@ -282,7 +282,7 @@ def _with_notes(
         low, high = functions.f[part[[0, -1]]]
         notes.append(
             f"the residual at {low:.5g} to {high:.5g} Hz is {level[part].max():.3g} times the "
-            "noise: a mode may be missing there, or the functions contradict each other"
+            "noise: a mode may be missing there, or the FRFs contradict each other"
         )
     if len(parts) > _MOST_NOTES:
         notes.append(f"the residual exceeds the noise in {len(parts) - _MOST_NOTES} more ranges")
@@ -304,9 +304,9 @@ def _other_scales(
         return fit, []
     k = int(np.argmax(np.abs(scales - 1)))
     note = (
-        f"{names[functions.rows[k]]}: its function by force {functions.columns[k] + 1} is "
-        f"{100 * np.abs(scales[k] - 1):.2g} % off the value that the other functions give: did the "
-        "scale of a sensor or force change between functions?"
+        f"{names[functions.rows[k]]}: its FRF by force {functions.columns[k] + 1} is "
+        f"{100 * np.abs(scales[k] - 1):.2g} % off the value that the other FRFs give: did the "
+        "scale of a sensor or force change between FRFs?"
     )
     for _ in range(2):
         functions = replace(functions, values=functions.values / scales)

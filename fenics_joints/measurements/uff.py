@@ -621,7 +621,7 @@ def _scale(where: str, data, units, metadata: FileMetadata, notes: list[str]) ->
     if by_label is not None and length == force == 1 and by_label != 1:
         text = f"{axis_label(data, 'ordinate')!r} by {axis_label(data, 'orddenom') or 'force'!r}"
         notes.append(
-            f"functions are read in {text}, as their labels say, though dataset 164 says SI units; "
+            f"FRFs are read in {text}, as their labels say, though dataset 164 says SI units; "
             "the key units overrides both"
         )
     elif None not in (by_label, by_set) and not np.isclose(by_label, by_set, rtol=1e-3):

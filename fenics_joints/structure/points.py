@@ -175,7 +175,8 @@ def far_points(
     # Where most are on the mesh, the others have errors of their own.
     hint = _hint(msh, all_points) if 3 * len(said) >= len(all_points) else ""
     if len(said) == 1:
-        return InputError(f"{what} {said[0]}: {within}{reach}{hint}.")
+        one = said[0].removeprefix(f"{what} ")
+        return InputError(f"{what} {one}: {within}{reach}{hint}.")
     more = f"\n  and {len(said) - _NAMED} more" if len(said) > _NAMED else ""
     lines = "\n  ".join(said[:_NAMED])
     all_of_them = f"{len(all_points)} {what}{'es' if what.endswith('s') else 's'}"

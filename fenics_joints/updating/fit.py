@@ -125,7 +125,7 @@ def update(
     if lost:
         lost = (
             f"no mode of the model matches {lost} of the test, before the fit or after: expected "
-            "shapes that the sensors see, or the test without it"
+            "shapes visible to the sensors, or the test without this mode"
         )
     if strict and not converged:
         raise ConvergenceError(
@@ -147,7 +147,7 @@ _SAME_END = 1e-2
 #: Standard deviation of a parameter that needs a prior and has none, at most: a factor of 10.
 _WEAK = np.log(10.0)
 #: The end of rounds, in words.
-_SETTLED = "converged: in rounds, with the data's standard deviations widened to what is left"
+_SETTLED = "converged: in rounds, with the data's standard deviations widened to the residuals"
 #: What scipy's status says, in words.
 _WORDS = {
     0: f"not converged: {OUT_OF_EVALUATIONS}",
@@ -282,8 +282,8 @@ class _Fit(Identification):
         off = found.chi2 / max(found.degrees_of_freedom, 1)
         if off <= _MISFIT**2:
             return found
-        words = f"where test and model differ by {number(np.sqrt(off), 2)} standard deviations"
-        return replace(found, message=f"{message}, {words}")
+        words = f"test and model still differ by {number(np.sqrt(off), 2)} standard deviations"
+        return replace(found, message=f"{message}; {words}")
 
 
 def _taken(of_data: np.ndarray, pull: np.ndarray) -> float:

@@ -138,7 +138,7 @@ _WIDENED = 1.05
 #: Words for each kind of a reduced model's errors, and their decimals in per cent.
 _ERRORS = {
     "frequencies": ("frequencies by", 3),
-    "frfs": ("functions by up to", 2),
+    "frfs": ("FRFs by up to", 2),
     "damping": ("damping ratios by up to", 2),
 }
 
@@ -156,11 +156,11 @@ def fit_notes(found: Update, mode_names: Sequence[str]) -> list[str]:
     """What a reader has to know of the way in which a fit ended."""
     notes, widths = [], found.widths
     if not found.converged:
-        notes.append(f"the fit has {found.message}; the values are the best that were found")
+        notes.append(f"the fit has {found.message}; its values are the best ones found")
     factors = {
         "frequencies": [widths.frequencies],
         "shapes": widths.shapes,
-        "ratios": [widths.damping],
+        "damping ratios": [widths.damping],
     }
     wide = [
         f"{kind} {_times(min(some), max(some))}"
@@ -169,18 +169,18 @@ def fit_notes(found: Update, mode_names: Sequence[str]) -> list[str]:
     ]
     if wide:
         notes.append(
-            "the model does not come as near to the test as the data's standard deviations say: "
-            f"the fit takes them wider, those of {', '.join(wide)}"
+            "the model does not reproduce the test within the standard deviations of the data, "
+            f"which the fit therefore widened: {', '.join(wide)}"
         )
     left = [mode_names[i] for i in widths.without]
     if left:
         names = " and ".join([", ".join(left[:-1]), left[-1]] if len(left) > 1 else left)
-        do, whose = (
-            ("changes its partner", "it") if len(left) == 1 else ("change their partners", "them")
+        do, were = (
+            ("changes its partner", "was") if len(left) == 1 else ("change their partners", "were")
         )
         notes.append(
-            f"{names} {do} among the model's modes near the answer, so that no value was fitted to "
-            f"{whose}; a sharper shape of {whose} would tell which is which"
+            f"{names} {do} among the model's modes near the solution and {were} not fitted; "
+            "more accurate measured shapes would identify the partners"
         )
     return notes
 
@@ -199,12 +199,12 @@ def bound_notes(parameters: Sequence[Parameter], found: Update) -> list[str]:
             if not p.lower <= value <= p.upper:
                 notes.append(
                     f"{p.name} is outside its bounds, {quantity(p.lower, p.unit)} to "
-                    f"{quantity(p.upper, p.unit)}: the weighted equations have none"
+                    f"{quantity(p.upper, p.unit)}, which the weighted equations do not enforce"
                 )
             continue
         notes += [
-            f"{p.name} ended at its bound, {quantity(bound, p.unit)}: the data want it beyond, and "
-            "its standard deviation says nothing"
+            f"{p.name} ended at its bound, {quantity(bound, p.unit)}: the best value lies beyond "
+            "this limit, and its standard deviation is not meaningful"
             for bound in (p.lower, p.upper)
             if is_at(p, value, bound)
         ]

@@ -24,8 +24,8 @@ from fenics_joints.updating.target_fit import TargetFit
 
 #: Why no answer was found, in words.
 OUT_OF_EVALUATIONS = "out of evaluations"
-PARTNERS = "too many modes change their partners near the answer"
-UNSETTLED = "the standard deviations of what is left do not settle"
+PARTNERS = "too many modes change their partners near the solution"
+UNSETTLED = "the standard deviations of the residuals do not converge"
 #: Most rounds from one start, and the change of a width's logarithm at which they end; chosen.
 _ROUNDS, _SETTLED = 10, 0.05
 #: Change of the logarithm of the density in a step at which a round ends, and the coarsest relative

@@ -139,6 +139,6 @@ class TargetFit(LeastSquares):
             if np.isfinite(self.residual(start, moved)).all():
                 raise
             raise ConvergenceError(
-                "the model lacks what was measured where a fit starts: are the shapes and the "
-                "frequencies of the same modes?"
+                "at the start of the fit the model has no counterpart of the measured modes: do "
+                "the shapes and the frequencies belong to the same modes?"
             ) from error

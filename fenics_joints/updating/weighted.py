@@ -115,7 +115,7 @@ def _check(target: Target, w_f: float | np.ndarray, w_H: float | np.ndarray) -> 
         raise wanted("target", target, "a Target")
     for kind in ("shapes", "damping"):
         if kind in target.kinds:
-            raise InputError(f"data {kind!r}: expected frequencies and FRFs, all that eq. 16 has")
+            raise InputError(f"data {kind!r}: expected frequencies and FRFs, the data of eq. 16")
     for key, weights in (("w_f", w_f), ("w_H", w_H)):
         if not reals(key, weights, least=0.0).size:
             raise wanted(key, weights, "one weight, or one for each row")
@@ -167,8 +167,8 @@ class _Weighted(Identification):
         values = self.values + change
         if np.all(np.abs(change) <= _STILL * np.abs(self.values)):
             return (
-                "not converged: the steps have become nothing where eq. 14 does not hold: no "
-                "values of these parameters nearby bring the model as near to the test as it asks"
+                "not converged: the steps became zero where eq. 14 does not hold: no values of "
+                "these parameters nearby bring the model as close to the test as it requires"
             )
         bad = ~np.isfinite(values) | (self.coordinates.log & (values <= 0))
         if bad.any():

@@ -82,7 +82,7 @@ def test_beside_frequencies_it_is_for_harmonic_and_one_test_with_them_for_a_diag
     assert one.frequencies_hz[1:, 0] == pytest.approx(f) and one.frequencies_hz[0, 1] == 300
     assert one.damping[0, 1] == pytest.approx(0.004) and one.damping_noise == pytest.approx(0.1)
     assert one.noise == pytest.approx([5e-4, 3e-3])
-    assert "the levels alone count of bending 1 (80 Hz without a level" in one.notes[-1]
+    assert "of bending 1 (80 Hz without a level" in one.notes[-1]
     # A mode that the table lacks goes where its frequency is, unless it is one by another name.
     driven = test.format("driven").replace('noise = "0.3 %"\n', "")
     made = case(tmp_path, test=driven, modes="a [Hz],b [Hz]\n30,300\n")

@@ -125,7 +125,7 @@ def test_chains_that_did_not_converge(tmp_path, capfd, monkeypatch):
     content, page = json.loads(files[0].read_text(encoding="utf-8")), files[1].read_text("utf-8")
     assert content["converged"] is False and content["problems"]
     assert content["frequencies"] == [] and content["sampler"]["samples"] == 900
-    assert "Not converged: not to be used" in page and "What it predicts" not in page
+    assert "Not converged: not to be used" in page and "Predicted frequencies" not in page
     samples, command = [], [word for word in command if not word.startswith("--report")]
     while len(samples) < 4:
         run = CliRunner().invoke(app, command)

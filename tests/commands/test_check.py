@@ -5,9 +5,12 @@ from __future__ import annotations
 import io
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from html_page import Page
 from mpi4py import MPI
 from rich.console import Console
 from step_files import flanges
@@ -15,9 +18,11 @@ from step_files import flanges
 from fenics_joints.case import build_mesh, estimate, examine_case, load_case
 from fenics_joints.cli import main
 from fenics_joints.commands.check.costs import costs_of
-from fenics_joints.commands.check.run import check_case, run_check
+from fenics_joints.commands.check.places import CasePoint
+from fenics_joints.commands.check.run import Checked, check_case, check_document, run_check
 from fenics_joints.meshes.step_writer import write_step
 from fenics_joints.progress import Progress
+from fenics_joints.report.html import as_page
 
 DEMOS = Path(__file__).resolve().parents[2] / "demos"
 PLATES = 2 * 0.2 * 0.08 * 0.008 * 2750  # kg: two plates by hand
@@ -114,8 +119,40 @@ def test_all_at_once(tmp_path, write_case, keeps_rules):
     # A screen of 80 columns, no sentence cut.
     text = io.StringIO()
     outcome.summary(Console(file=text, width=80))
-    assert max(map(len, text.getvalue().splitlines())) <= 80
+    said = text.getvalue().splitlines()
+    assert max(map(len, said)) <= 80
     assert "was '69 GPa' meant?" in " ".join(text.getvalue().split())
+    # Errors are numbered, notes are not.
+    starts = [line.partition(": ")[0] for line in said if line.startswith(("error", "note"))]
+    assert starts == [f"error {i + 1}" for i in range(len(found.errors))] + ["note"] * len(
+        found.notes
+    )
+
+
+def test_a_case_without_a_title_is_named_by_its_folder_or_its_file(
+    tmp_path, write_case, monkeypatch
+):
+    write_case(tmp_path)
+    text = (tmp_path / "case.toml").read_text(encoding="utf-8")
+    text = "\n".join(line for line in text.splitlines() if not line.startswith("title"))
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "broken.toml").write_text("title = [", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    for file, title in (("case.toml", tmp_path.name), ("broken.toml", "broken.toml")):
+        found = check_case(file, MPI.COMM_SELF, Progress(silent=True), solve=False)
+        assert check_document(found).title == title and found.to_json()["title"] == title
+
+
+def test_places_have_the_digits_that_are_known():
+    """A bolt's point is the middle of two faces, whose coordinates are known but for round-off."""
+    bolt = CasePoint("bolt", "bolt 1", (0.02485, -2e-19, -1.31e-6), None)
+    sensor = CasePoint("sensor", "1", (0.1, 0.0, 0.0125), (6e-17, -1.0, 0.0), 3e-7)
+    found = Checked(Path("case.toml"), None, (), places=(sensor,), bolts=(bolt,))
+    found = replace(found, size_m=np.array([0.26, 0.1, 0.1]))
+    shown = Page(as_page(check_document(found)))
+    assert shown.column("places", 2) == ["24.85, 0, 0", "100, 0, 12.5"]
+    assert shown.column("places", 3) == ["", "0, -1, 0"]
+    assert shown.column("places", 4) == ["", "0"]
 
 
 def test_bolts_and_groups_of_a_step_file(tmp_path):
@@ -223,7 +260,7 @@ def test_command(tmp_path, write_case, monkeypatch, capfd):
         main()
     assert end.value.code == 1
     said = capfd.readouterr()
-    assert "error 1: sensor sensor 1" in said.out and "1 error, listed above" in said.err
+    assert "error 1: sensor 1 at" in said.out and "1 error, listed above" in said.err
     content = json.loads(out.read_text())
     assert content["mass_kg"] == pytest.approx(PLATES) and len(content["errors"]) == 1
     assert content["places"][0]["off_mm"] == pytest.approx(25)

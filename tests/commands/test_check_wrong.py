@@ -348,7 +348,7 @@ def test_a_part_that_moves_alone_is_named(tmp_path, stiff, size):
     text = LOOSE.replace("STIFF", stiff).replace("10 mm", f"{size} mm")
     (tmp_path / CASE).write_text(text, encoding="utf-8")
     found = checked(tmp_path)
-    assert not found.errors and found.solved.startswith("looked at 12 modes")
+    assert not found.errors and found.solved.startswith("checked 12 modes")
     assert any("moves box alone" in note for note in found.notes) == (stiff == "1e9"), found.notes
 
 

@@ -250,7 +250,7 @@ def test_command(tmp_path, monkeypatch, capfd):
             main()
     said = capfd.readouterr().out
     assert not end.value.code and (folder / "case.toml").is_file()
-    assert "? The stiffness of the lap." in said and "nothing is wrong or unlikely" in said
+    assert "? The stiffness of the lap." in said and "no errors, nothing unlikely" in said
 
 
 # -- files of strangers: sheets, stacks, inches, names that are taken ------------------------------

@@ -91,7 +91,7 @@ def test_levels_of_a_mode_that_the_table_of_frequencies_names(tmp_path):
     tests = TestFiles(frequencies=tmp_path / "hz.csv", amplitude=(tmp_path / "levels.csv",))
     found = sketch(tests)
     assert any("[test.sees]" in line for line in lines(found))
-    assert any(question.startswith("What the test saw") for question in found.questions)
+    assert any(question.startswith("The test's sensors") for question in found.questions)
     assert found.n_modes == 2 and 'condition = "row"  # ? without a unit' in lines(found)
     (tmp_path / "test.toml").write_text("\n".join(lines(found)), encoding="utf-8")
     section = read_toml(tmp_path / "test.toml", "a test")["test"]["amplitude"]
@@ -134,7 +134,7 @@ def test_functions_without_levels_are_a_question(tmp_path):
         sketch(TestFiles(amplitude=held))
 
     def answer(question, taken, check):
-        taken = "2 m/s2, 4 m/s2" if question.startswith("Levels of the 2 functions") else taken
+        taken = "2 m/s2, 4 m/s2" if question.startswith("Levels of the 2 FRFs") else taken
         check(taken)
         return taken
 

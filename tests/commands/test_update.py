@@ -225,7 +225,7 @@ def test_words():
     """The direction that data leave open, in words, is that of the smallest singular value."""
     ratio = np.array([[100.0, -100.0, 3.0], [50.0, -50.0, -8.0], [0.1, 0.1, 0.0]])
     for slopes, words in (
-        (ratio, ["do not determine E and h; they do nu", "their ratio"]),
+        (ratio, ["determine nu, but not E and h", "their ratio"]),
         (ratio * [1, -1, 1], ["their product"]),
         (ratio[:1, :2], ["do not know it at all"]),
     ):

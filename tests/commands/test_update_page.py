@@ -7,6 +7,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from html_page import Page, check_page
 from rich.console import Console
 
@@ -17,7 +18,13 @@ from fenics_joints.commands.update.document import (
     update_document,
     verdict_words,
 )
-from fenics_joints.commands.update.result import ModeTable, Sweep, UpdateReport, parameter_records
+from fenics_joints.commands.update.result import (
+    Functions,
+    ModeTable,
+    Sweep,
+    UpdateReport,
+    parameter_records,
+)
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.modal.sensitivity import Identifiability
 from fenics_joints.report.html import as_page
@@ -137,12 +144,50 @@ def test_json_holds_what_the_command_line_promises_and_the_summary_fits_a_screen
         assert len(lines) <= 40 and max(map(len, lines)) <= width
 
 
+def test_held_out_errors_stand_in_the_headline_and_larger_ones_in_the_first_line():
+    def held(predicted: float) -> UpdateReport:
+        names = dict(before_hz=1.04 * 375.04, predicted_hz=predicted * 375.04, test_hz=375.04)
+        row = dict(name=MODES[0], error_percent=100 * (predicted - 1), alone=True, **names)
+        return report(held=[row])
+
+    worse, better = held(1.05), held(1.03)
+    first, *rest = summary(worse).splitlines()
+    assert "worse on held-out data" in first and "worse" not in summary(better)
+    assert any("from 4.00 % to 5.00 %" in line for line in rest[:4])
+    verdict = page_of(worse).partition('id="verdict"')[2].partition("</div>")[0]
+    assert "worse on held-out data" in verdict and "from 4.00 % to 5.00 %" in verdict
+    shown = Page(page_of(better))
+    assert shown.texts["held-rms"] == "3.00 %"
+    assert worse.held_changes()["frequencies"] == pytest.approx((0.04, 0.05))
+
+
+def test_held_out_functions_and_ratios_count_where_they_are_data():
+    measured = np.ones((3, 1, 1), dtype=complex)
+    held = np.array([False, False, True])[:, None, None]
+    functions = Functions(
+        np.arange(3.0),
+        measured,
+        2 * measured,
+        4 * measured,
+        np.ones(3, dtype=bool),
+        held,
+        "m/s2/N",
+        (("1:+z",), ("1:+z",)),
+        0.0,
+    )
+    row = dict(name="x", test_hz=None, before_hz=100.0, predicted_hz=100.0, damping_test=0.01)
+    row |= dict(damping_before=0.012, damping_predicted=0.011)
+    found = report(functions=functions, held=[row]).held_changes()
+    assert found["damping ratios"] == pytest.approx((0.2, 0.1)) and "frequencies" not in found
+    assert found["FRFs"] == pytest.approx((20 * np.log10(2), 20 * np.log10(4)))
+
+
 def test_modes_whose_partners_change_are_said_once_and_with_the_reason():
     found = replace(report().update, widths=Widths(without=(0, 1)))
     (note,) = fit_notes(found, ("mode 1", "mode 2"))
     assert note.startswith("mode 1 and mode 2 change their partners among the model's modes")
     unfitted = replace(report().modes, fitted=np.zeros(2, dtype=bool))
     said = summary(report(update=found, modes=unfitted, notes=[note]))
-    assert said.index("but: mode 1 and mode 2") < said.index(
+    assert said.index("note: mode 1 and mode 2") < said.index(
         "* its frequency was not fitted: left out for the reason given above"
     )

@@ -159,7 +159,7 @@ def test_universal_files_of_functions_and_of_decays(decay, tmp_path):
     f0, zeta0 = JOINT.backbone(np.array([2.0, 30.0]) / (2 * np.pi * found.frequencies_hz) ** 2)
     assert found.frequencies_hz == pytest.approx(f0, rel=1e-4)
     assert found.damping == pytest.approx(zeta0, rel=0.02)
-    with pytest.raises(InputError, match="1 of them for 2 functions"):
+    with pytest.raises(InputError, match="1 of them for 2 FRFs"):
         read_amplitude(tmp_path / "held.uff", levels=["2 m/s2"], units="m/s2/N")
     with pytest.raises(InputError, match=r"type 4.*the level of each in levels"):
         read_amplitude(tmp_path / "held.uff")

@@ -61,7 +61,7 @@ def test_what_is_not_read_is_said(tmp_path):
     for name, words in (
         ("t", "of type 1"),
         ("p", "an .npz of numbers"),
-        ("x", "expected functions or a geometry"),
+        ("x", "expected FRFs or a geometry"),
         ("z", "an .npz of numbers"),
         ("turned", "local axes"),
     ):

@@ -156,7 +156,7 @@ def test_what_the_weighted_equations_leave_open_is_not_known():
 def test_weighted_steps_that_become_nothing_are_told():
     """One parameter cannot do what three did: no 50 iterations to say so."""
     start = {**TRUE, "h": 1.2 * TRUE["h"]}
-    with pytest.raises(ConvergenceError, match="steps have become nothing"):
+    with pytest.raises(ConvergenceError, match="steps became zero"):
         update_weighted(reduced(), JOINT[:1], target().only("frequencies"), start)
 
 

@@ -149,23 +149,23 @@ def _check_asked(case: Case) -> None:
         raise InputError(f"{case.path}: test is missing: expected measured frequencies")
     if case.update is not None and case.update.cutoff is not None:
         raise InputError(
-            f"{case.path}: update.cutoff: the cut-off pressure is searched step by step, without a "
-            "density; --bayes expects update.parameters, moduli and the like. Leave --bayes out."
+            f"{case.path}: update.cutoff: the search for the cut-off pressure gives no posterior; "
+            "--bayes expects update.parameters, such as moduli. Leave --bayes out."
         )
     if case.update is None or not case.update.parameters:
-        raise InputError(f"{case.path}: update.parameters is missing: expected what is identified")
+        raise InputError(f"{case.path}: update.parameters is missing: expected names to identify")
     unseen = [name for name in case.update.parameters if name in case.damping_names()]
     if unseen:
         raise InputError(
-            f"{case.path}: update.parameters: {', '.join(unseen)}: the posterior is that of "
-            "undamped frequencies, which damping does not move. Expected stiffnesses and masses."
+            f"{case.path}: update.parameters: {', '.join(unseen)}: the posterior uses undamped "
+            "frequencies, which damping does not change. Expected stiffnesses and masses."
         )
     if case.update.bayes is None:
         start = {**case.nominal(), **case.start()}
         lines = [_prior_line(case, name, start[name]) for name in case.update.parameters]
         raise InputError(
-            f"{case.path}: update.bayes is missing: --bayes needs what is known before the test. "
-            "For instance, with two thirds between the median over and times 1.6:\n"
+            f"{case.path}: update.bayes is missing: --bayes needs a prior for each parameter. For "
+            "instance, with 68 % between the median divided by 1.6 and times 1.6:\n"
             + "\n".join(["[update.bayes.priors]", *lines])
         )
 

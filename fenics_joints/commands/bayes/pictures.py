@@ -59,7 +59,7 @@ def traces(chains: Chains, units: Mapping[str, str]) -> str:
             axes.plot(at, chain[at], color=colour, lw=0.5, alpha=0.7, rasterized=True)
         axes.set_title(name, loc="left")
 
-    alt = "Draws of each quantity in their order, a colour for each chain"
+    alt = "Draws of each quantity in sequence, a colour for each chain"
     return panel_chart(list(draws), draw, "trace", alt, columns=3, height=1.65, xlabel="draw")
 
 
@@ -107,7 +107,7 @@ def pairs(chains: Chains, units: Mapping[str, str]) -> str | None:
                 axes.set_xlabel(fill(names[j], _WIDE), fontsize=8)
             if j == 0 < i:
                 axes.set_ylabel(fill(names[i], _WIDE), fontsize=8)
-        return to_svg(figure, "pair", "Draws of each two quantities against another", dpi=90)
+        return to_svg(figure, "pair", "Draws of each pair of quantities", dpi=90)
 
 
 def frequencies(

@@ -93,12 +93,12 @@ class BayesReport:
         """Advice on chains that did not converge."""
         if self.keep is not None:
             return (
-                f"They are in {self.keep}: the same command goes on from there. If that does not "
-                "help: a narrower prior, or fewer parameters."
+                f"The chains are kept in {self.keep}: the same command continues them. If that "
+                "does not help: a narrower prior, or fewer parameters."
             )
         return (
             "Take more samples (update.bayes.samples), a longer burn-in or a narrower prior; with "
-            "--keep FILE.nc the next run would go on from these."
+            "--keep FILE.nc the next run would continue these chains."
         )
 
     @property
@@ -190,7 +190,7 @@ class BayesReport:
         words = [] if found is None or found.check is None else found.check.words()
         if found is not None and found.rival is not None:
             words += [
-                f"the paper's likelihood, of independent frequencies: {line}"
+                f"likelihood of the paper, with independent frequencies: {line}"
                 for line in found.rival.words()
             ]
         return words
@@ -203,11 +203,11 @@ def bayes_document(b: BayesReport) -> doc.Document:
     """The document of a posterior."""
     name, value, unit = b.condition
     at = f"At {name} {condition_value(value, unit)}"
-    sentences = [*b.answer(), *b.likelihood, *(f"but: {line}" for line in b.doubts)]
+    sentences = [*b.answer(), *b.likelihood, *(f"note: {line}" for line in b.doubts)]
     verdicts = [doc.Verdict(at, [("", doc.sentence(line)) for line in sentences])]
     if b.failure is not None:
         failed = [
-            "The chains have not found the posterior, and nothing is predicted from them.",
+            "The chains have not converged to the posterior, and nothing is predicted from them.",
             *map(doc.sentence, b.chains.problems),
             b.advice,
         ]
@@ -233,7 +233,7 @@ def bayes_document(b: BayesReport) -> doc.Document:
 
 
 def _values(b: BayesReport) -> list:
-    state = "What the chains have so far" if b.failure else "What is known now"
+    state = "Chains so far" if b.failure else "Identified parameters"
     keys = ("mean", "sd", "low", "high", "rhat", "ess_bulk", "ess_tail")
     table = doc.Table.of(
         [
@@ -249,7 +249,7 @@ def _values(b: BayesReport) -> list:
     return [
         doc.Heading(state, "parameters"),
         table,
-        doc.Figure(lambda: pictures.pairs(b.chains, b.units), "Draws of each two quantities."),
+        doc.Figure(lambda: pictures.pairs(b.chains, b.units), "Draws of each pair of quantities."),
     ]
 
 
@@ -266,23 +266,23 @@ def _predictions(b: BayesReport) -> list:
     held = ""
     if found.held is not None:
         held = (
-            " Modes that were held out are no part of the likelihood; they are computed with the "
-            f"full model at {len(found.held.predicted_hz)} draws."
+            " Held-out modes do not enter the likelihood; they are computed with the full model at "
+            f"{len(found.held.predicted_hz)} draws."
         )
     measured = (b.mode_names, b.measured_hz, b.measured_sd)
     blocks = [
-        doc.Heading("What it predicts", "predicted"),
+        doc.Heading("Predicted frequencies", "predicted"),
         table,
         doc.Figure(
             lambda: pictures.frequencies(*measured, found.hz, found.held),
-            f"Predicted frequencies: 90 % (thin), half (thick) and the median.{held}",
+            f"Predicted frequencies: 90 % (thin), 50 % (thick) and the median.{held}",
         ),
     ]
     if found.check is None:
         return blocks
     rival = ""
     if found.rival is not None:
-        rival = "; right, by the product of a distribution for each frequency"
+        rival = "; right: with a likelihood of independent frequencies"
     both = (found.check, found.rival)
     return [
         *blocks,
@@ -290,12 +290,12 @@ def _predictions(b: BayesReport) -> list:
         doc.Items(b.sentences()),
         doc.Figure(
             lambda: pictures.correlations(*both),
-            "Correlation of each two modes' frequencies over the specimens, and of as many new "
-            f"ones as the posterior has them (medians){rival}.",
+            "Correlation of the frequencies of each pair of modes over the measured specimens, and "
+            f"over as many new ones from the posterior (medians){rival}.",
         ),
         doc.Figure(
             lambda: pictures.scatter(*both),
-            "Scatter and correlation of new sets of specimens beside those of the measured one.",
+            "Scatter and correlation of new sets of specimens, compared with the measured set.",
         ),
     ]
 
@@ -304,15 +304,14 @@ def _chains(b: BayesReport) -> list:
     figures = [
         doc.Figure(
             lambda: pictures.traces(b.chains, b.units),
-            "Draws in their order, a colour for each chain: chains that agree lie on each other.",
+            "Draws in sequence, a colour for each chain: chains that agree overlap.",
         ),
         doc.Figure(
             lambda: pictures.effective(b.chains, b.units),
-            "How many independent draws the chains are worth at each quantile: the dashed line is "
-            "400.",
+            "Effective number of independent draws at each quantile; the dashed line is 400.",
         ),
     ]
-    heading = doc.Heading("Whether the chains can be believed", "chains")
+    heading = doc.Heading("Convergence of the chains", "chains")
     if b.failure is not None:
         return [heading, *figures]
     folded = doc.Folded("Draws of every chain, and effective draws by quantile", figures)
@@ -329,20 +328,20 @@ def _basis(b: BayesReport) -> list:
     table.add(
         "sampler",
         f"{b.chains.sampler}; {b.settings.chains} chains of {samples} samples, the first {burn_in} "
-        "thrown away",
+        "discarded",
     )
     table.add(
         "model",
-        f"{model.n_dofs} degrees of freedom, sampled with {model.n_basis}; frequencies off by at "
-        f"most {percent(max(model.check.error, least), 4)} at {model.check.n_points} points of the "
-        f"prior; estimated there and at more: at most {percent(max(model.bound, least), 4)}",
+        f"{model.n_dofs} degrees of freedom, sampled with {model.n_basis}; error of frequencies "
+        f"at most {percent(max(model.check.error, least), 4)} at {model.check.n_points} points of "
+        f"the prior, estimated at these and more: {percent(max(model.bound, least), 4)}",
     )
     if model.check.n_missing:
-        words = f"at {model.check.n_missing} of its points the model lacks a mode that the test saw"
+        words = f"at {model.check.n_missing} of its points the model lacks a mode of the test"
         table.add("prior", words)
     return [
         doc.OnTerminal([doc.Text(f"{b.chains.sampler}; {b.settings.chains} chains", "note")]),
-        doc.OnPage([doc.Heading("What this rests on", "rests-on"), table]),
+        doc.OnPage([doc.Heading("Model and assumptions", "rests-on"), table]),
     ]
 
 

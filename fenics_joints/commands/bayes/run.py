@@ -236,8 +236,8 @@ class _CasePosterior:
         """Modes that the model has only with more than the discrepancy that was allowed."""
         rows = [row for row in chains.table() if row["name"].startswith("offset ")]
         return [
-            f"{row['name']}: {100 * row['mean']:.2g} %, more than {_OFFSET:g} times the "
-            f"discrepancy of {100 * self.discrepancy:g} % that the model is allowed"
+            f"{row['name']}: {100 * row['mean']:.2g} %, more than {_OFFSET:g} times the assumed "
+            f"discrepancy of the model, {100 * self.discrepancy:g} %"
             for row in rows
             if abs(row["mean"]) > _OFFSET * self.discrepancy
         ]
@@ -316,7 +316,7 @@ def predict_held(
     log_f = np.log(found) + np.broadcast_to(log_sd, len(found))[:, None] * scatter
     there = np.all(np.isfinite(log_f), axis=1)
     if not there.any():
-        raise InputError(f"{case.path}: the model has the held modes at no draw of the posterior.")
+        raise InputError(f"{case.path}: no draw of the posterior gives the held-out modes.")
     return HeldModes(
         data.mode_names[n_fitted:],
         data.frequencies_hz[row, n_fitted:],

@@ -170,10 +170,10 @@ def twice(places: Sequence[CasePoint]) -> list[str]:
     seen: dict[tuple, list[str]] = {}
     for place in places:
         if place.kind == "sensor" and not place.name.startswith("harmonic."):
-            key = (*np.round(place.point, 6).tolist(), *np.round(place.direction, 6).tolist())
+            key = tuple((np.round([*place.point, *place.direction], 6) + 0.0).tolist())
             seen.setdefault(key, []).append(place.name)
     return [
-        f"{' and '.join(names)} are at one place, {list(key[:3])} m, and look the same way"
+        f"{' and '.join(names)} are at one place, {list(key[:3])} m, in the same direction"
         for key, names in seen.items()
         if len(names) > 1
     ]
@@ -232,7 +232,7 @@ def same_bolts(case: Case, bolts: Sequence[CasePoint]) -> list[str]:
         [b for b in bolts if (b.name in case.bolts) == named] for named in (True, False)
     )
     return [
-        f"{a.name} and {b.name} are at one place, {list(b.point)} m (by "
+        f"{a.name} and {b.name} are at one place, {(np.round(b.point, 6) + 0.0).tolist()} m (by "
         f"{1e3 * math.dist(a.point, b.point):.3g} mm); expected each bolt once"
         for found in (listed or of_mesh, own)
         for a, b in combinations(found, 2)

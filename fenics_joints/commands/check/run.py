@@ -49,8 +49,8 @@ from fenics_joints.commands.check.weights import (
 )
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import InputError, JointsError
-from fenics_joints.files import plain
-from fenics_joints.formatting import extents, number, quantity
+from fenics_joints.files import plain, shown_path
+from fenics_joints.formatting import extents, length_mm, quantity
 from fenics_joints.measurements.amplitude.backbone import RESPONSES
 from fenics_joints.measurements.mistakes import mistakes_within
 from fenics_joints.meshes import TaggedMesh, check_mesh
@@ -118,8 +118,8 @@ class Checked:
 
     @property
     def title(self) -> str:
-        """Title of the case, or the name of its folder."""
-        return self.path.parent.name if self.case is None else self.case.name
+        """Title of the case, or the name of its folder; the file where it cannot be read."""
+        return shown_path(self.path) if self.case is None else self.case.name
 
     @property
     def mass(self) -> float:
@@ -155,7 +155,7 @@ class Checked:
                 words.append(f"{name} at {len(one)} levels, {span}")
         if frfs is not None:
             words.append(
-                f"{int(frfs.measured.sum())} functions, {frfs.frequencies_hz[0]:g} to "
+                f"{int(frfs.measured.sum())} FRFs, {frfs.frequencies_hz[0]:g} to "
                 f"{frfs.frequencies_hz[-1]:g} Hz"
             )
         return ", ".join(words) or ("planned" if case.test.planned else "not read")
@@ -418,7 +418,7 @@ def _apart(case: Case, tagged: TaggedMesh) -> list[str]:
         return []
     return [
         f"the mesh has {bodies} bodies that share no vertices, and the case has no [contacts]: "
-        "nothing joins them, so that each moves on its own"
+        "nothing joins them, so each moves freely"
     ]
 
 
@@ -442,7 +442,8 @@ def _with_costs(found: Checked, comm: MPI.Intracomm, about: CostEstimate | None 
 
 def check_document(result: Checked) -> Document:
     """The document of a checked case: errors, notes, a picture, masses, places, costs."""
-    keys = [("errors", len(result.errors), "errors"), ("notes", len(result.notes), "unlikely")]
+    counts = {"error": len(result.errors), "note": len(result.notes)}
+    keys = [(f"{word}s", n, word if n == 1 else f"{word}s") for word, n in counts.items()]
     if result.weights:
         keys.append(("mass", quantity(result.mass, "kg", 4), "mass of the model"))
     if result.dofs:
@@ -455,15 +456,15 @@ def check_document(result: Checked) -> Document:
     test = f"test: {words}" if (words := result.test_words()) else ""
     said = [text for text in (estimated, result.place_words(), test, result.solved) if text]
     wrong = [
-        Remarks("Wrong", result.errors, "error {}: ", "bad", "error-list"),
-        Remarks("Unlikely, or worth knowing", result.notes, "note: ", id="note-list"),
+        Remarks("Errors", result.errors, "error {}: ", "bad", "error-list"),
+        Remarks("Notes", result.notes, "note: ", id="note-list"),
     ]
     if not result.errors and not result.notes:
-        wrong = [Text("nothing is wrong or unlikely", "good")]
+        wrong = [Text("no errors, nothing unlikely", "good")]
     return Document(
         result.title,
         "checked",
-        "The case, compared with its nominal model",
+        "The case, compared with its baseline model",
         [
             Keys(keys),
             OnPage([*wrong, *_pictures(result)]),
@@ -482,8 +483,8 @@ def _weights(result: Checked) -> list:
     if not result.weights:
         return []
     table = Table(
-        "mass of | what | >in the model | >on the scales",
-        caption="To compare with scales; give what they show as mass in [parts.NAME] and [test]",
+        "mass of | kind | >in the model | >weighed",
+        caption="To compare with weighing; give weighed masses as mass in [parts.NAME] and [test]",
         id="masses",
         most=_ROWS,
     )
@@ -502,12 +503,12 @@ def _costs_said(costs: Sequence[Cost]) -> list:
         return []
     table = Table(
         "command | >time | >memory",
-        caption="Rough, on a quiet machine: within a factor of two either way",
+        caption="Estimates for an idle machine, within a factor of two either way",
         id="costs",
     )
     for cost in costs:
         table.add(cost.command, f"about {duration(cost.seconds)}", gibibytes(cost.bytes))
-    return [Heading("What a run takes"), table]
+    return [Heading("Time and memory of a run"), table]
 
 
 def _places(result: Checked) -> list:
@@ -515,14 +516,15 @@ def _places(result: Checked) -> list:
     if not places:
         return []
     table = Table(
-        "name | what | >at, mm | >looks along | >off the mesh, mm",
-        caption="Bolts, sensors and other things at points or faces",
+        "name | kind | >at, mm | >direction | >distance from the mesh, mm",
+        caption="Bolts, sensors, forces and masses at points or faces",
         id="places",
     )
+    size = float(max(result.size_m, default=0.0))
     for p in places:
-        at = ", ".join(number(1e3 * x, 5) for x in p.point)
-        way = "" if p.direction is None else ", ".join(f"{x:.3g}" for x in p.direction)
-        table.add(p.name, p.kind, at, way, number(1e3 * p.off) if p.off >= 0 else "")
+        at = ", ".join(length_mm(x, size) for x in p.point)
+        way = ", ".join(f"{round(x, 3) + 0.0:g}" for x in p.direction or ())
+        table.add(p.name, p.kind, at, way, length_mm(p.off, size) if p.off >= 0 else "")
     return [OnPage([Heading("Places"), table])]
 
 

@@ -1,4 +1,4 @@
-"""Solve the nominal model's modes in seconds and compare the test and the bands with them."""
+"""Solve the baseline model's modes in seconds and compare the test and the bands with them."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _SLOW, _FAST = 1e-5, 2.0
 def beside_model(
     case: Case, tagged: TaggedMesh | None, dofs: int, comm: MPI.Intracomm, progress: Progress
 ) -> tuple[str, list[str]]:
-    """Solve the nominal model's modes and compare test and bands with them. Collective.
+    """Solve the baseline model's modes and compare test and bands with them. Collective.
 
     Args:
         case: The case, without errors.
@@ -69,7 +69,7 @@ def beside_model(
             case = case.model_copy(update={"mesh": case.mesh.model_copy(update={"degree": 1})})
         else:
             case, tagged = _small_enough(case, tagged, dofs)
-        progress.step("modes of the nominal model")
+        progress.step("modes of the baseline model")
         if case.contacts:
             model = LinearJoint(build_preload(case, comm, tagged=tagged, at_rest=True))
         else:
@@ -87,11 +87,11 @@ def beside_model(
             notes += [*_of_test(case, modes), *_of_mesh(case, comm, model, modes)]
     except JointsError as error:
         reason = str(error).removeprefix(f"{case.path}: ")
-        what = "not compared with the model's modes" if compared else "modes not looked at"
+        what = "not compared with the model's modes" if compared else "modes not checked"
         return f"{what}: {reason}", []
     spent = number(comm.bcast(time.perf_counter() - begin), 2)
     words = f"{len(modes)} modes of a model of {model.n_dofs} degrees of freedom"
-    words = f"compared with {words}" if compared else f"looked at {words}"
+    words = f"compared with {words}" if compared else f"checked {words}"
     return f"{words}, solved in {spent} s", notes
 
 
@@ -110,8 +110,9 @@ def _of_modes(case: Case, modes: Modes) -> list[str]:
     ratio = hz[index[0]] / modes.model.dilation_frequency(modes.given)
     if not _SLOW < ratio < _FAST:
         notes.append(
-            f"the first elastic frequency is {hz[index[0]]:.3g} Hz, {ratio:.2g} times that at "
-            "which a block of this size and material swells: are moduli, densities, units right?"
+            f"the first elastic frequency is {hz[index[0]]:.3g} Hz, {ratio:.2g} times that of "
+            "the breathing mode of a block of this size and material: are moduli, densities and "
+            "units right?"
         )
     parts = [name for name in case.parts if f"{name}.rho" in values]
     if len(parts) < 2:
@@ -131,7 +132,7 @@ def _of_modes(case: Case, modes: Modes) -> list[str]:
             notes.append(
                 f"mode {k + 1} at {hz[k]:.4g} Hz moves {names} alone ("
                 f"{percent(share[few].sum())} of the energy, {percent(mass[few].sum())} of the "
-                "mass): joined as they should be?"
+                "mass): is it joined as intended?"
             )
             break
     return notes
@@ -180,9 +181,10 @@ def _of_test(case: Case, modes: Modes) -> list[str]:
     )
     if pairing is None and np.nanmax(data.frequencies_hz[row]) < hz[-1]:
         notes.append(
-            f"test.sees: its sensors see {len(seen)} of the model's {len(modes) - modes.n_rigid} "
-            f"elastic modes up to {hz[-1]:.4g} Hz; expected at least {len(data.mode_names)}, as "
-            "many as were measured: are the sensors' places and directions right?"
+            f"test.sees: {len(seen)} of the model's {len(modes) - modes.n_rigid} elastic modes up "
+            f"to {hz[-1]:.4g} Hz are visible to the sensors; expected at least "
+            f"{len(data.mode_names)}, as many as were measured: are the sensors' places and "
+            "directions right?"
         )
     return notes
 

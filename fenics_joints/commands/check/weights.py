@@ -29,7 +29,7 @@ _RATIOS = {
     1e9: "lengths in mm read as m",
     10.0: "a factor of ten",
     25.4**3: "inches read as mm",
-    2.8: "aluminium taken for steel",
+    2.8: "steel and aluminium mixed up",
 }
 
 

@@ -91,8 +91,8 @@ def harmonic_model(case: Case, comm: MPI.Intracomm, progress: Progress) -> Harmo
         )
     if contacts and case.harmonic.quasi_static == "full":
         raise InputError(
-            f"{case.path}: harmonic.quasi_static = 'full': expected layers; of contacts there is "
-            "the 'reduced' model"
+            f"{case.path}: harmonic.quasi_static = 'full': expected layers; for contacts only the "
+            "'reduced' model exists"
         )
     make = _with_contacts if contacts else _with_layers
     if case.mesh.origin == "matrices":
@@ -250,8 +250,8 @@ def _with_contacts(case: Case, comm, progress: Progress):
     own = preload.structure.total_mass()
     if h.base is not None and abs(joint.total_mass() - own) > 1e-9 * own:
         raise InputError(
-            f"{case.path}: harmonic.base: the bolts have mass, which the base does not shake; "
-            "expected bolts without, or a force"
+            f"{case.path}: harmonic.base: the motion of the base does not act on the bolts' mass; "
+            "expected bolts without mass, or a force"
         )
     progress.step(f"reducing {preload.jumps.n} degrees of freedom")
     jumps = sum(len(c) * preload.structure.gdim for c in preload.jumps.contacts if c.name in laws)

@@ -28,7 +28,7 @@ FRICTION = 0.12
 #: Force, N, of a bolt of which not even the thread is known: assumed.
 FORCE = 10e3
 BOLT_FORCE = "of each bolt; assumed: 60 % of the proof stress of class 8.8 (ISO 898-1)"
-START = "The joints' stiffness, by roughness and pressure: it is what a test is to find."
+START = "The joints' stiffness, guessed by roughness and pressure: the test is to identify it."
 NO_BOLTS = "No bolts were found: a layer joins all that touches; is it clamped, glued, welded?"
 
 #: Asks: a question, an answer that is taken for granted, and what refuses a wrong one.

@@ -81,10 +81,10 @@ def matrices_draft(
     questions = [
         "The units of the matrices: mass is in force times s2 over length, such as tonnes with N "
         "and mm.",
-        "E and rho of the parts, which are factors on the matrices: give those of the other code.",
+        "E and rho of the parts scale the matrices: give the values used in the other code.",
     ]
     if len(parts) > 1 and not interfaces:
-        questions.append("No parts touch: [mesh.interfaces] says where they are joined.")
+        questions.append("No parts touch: [mesh.interfaces] says where to join them.")
     return Draft(
         {"mesh": mesh, "parts": section, "joints": joints}, (), tuple(found), tuple(questions)
     )

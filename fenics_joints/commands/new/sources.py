@@ -341,7 +341,7 @@ def _without_joints(
         ]
         found.append(f"left out: {', '.join(said)} ({', '.join(names[i] for i in sorted(out))})")
         questions.append(
-            "Solids that are left out, by their shape and place: are they what it says?"
+            "Solids left out because of their shape and place: are they fasteners or duplicates?"
         )
     for index, touch in enumerate(survey.touching):
         a, b = (names[i] for i in touch.solids)
@@ -482,7 +482,7 @@ _JOINT = re.compile(r"joint|ring|layer|lap\b|zone|interface|contact|glue|fuge|na
 _UNITS, _STEEL = ("m", "mm", "inch", "cm"), 7850.0
 #: Largest and least radius of a ring as a multiple of the hole's.
 _MOST, _LEAST = 4.0, 1.2
-_NO_LAYER = "The mesh has no layer between its parts: they are as one where they share vertices."
+_NO_LAYER = "The mesh has no layer between its parts: they are bonded where they share vertices."
 
 
 def msh_drafts(
@@ -566,7 +566,7 @@ def _with_deck(draft: Draft, deck: Deck, scale: float, system: str | None) -> Dr
         system: Its units, of `_SYSTEMS`; None if they are not known.
     """
     if system is None:
-        odd = "The deck's materials are in no usual units." if deck.materials else ""
+        odd = "The units of the deck's materials were not recognised." if deck.materials else ""
         return replace(draft, questions=(*draft.questions, *([odd] if odd else [])))
     parts, (unit, pascal, density) = dict(draft.tables["parts"]), _SYSTEMS[system]
     whole = 0
@@ -707,7 +707,7 @@ def builder_draft(name: str, material: str, ask: Ask) -> Draft:
         if key != "cell" and value not in (None, ())
     }
     hole = given.get("hole_diameter") or given.get("hole") or None
-    mesh = {"builder": guess(name, "the numbers are the builder's own"), **numbers}
+    mesh = {"builder": guess(name, "the numbers are the builder's defaults"), **numbers}
     found = _draft(made.build(MPI.COMM_SELF), mesh, material, ask, hole)
     return replace(found, questions=("The builder's dimensions.", *found.questions))
 
@@ -731,12 +731,12 @@ def _beams(name: str, material: str, ask: Ask) -> Draft:
         "elements": [30, 20],
         "lap_elements": 5,
     }
-    paper = "slap; Jalali et al. 2019, Table 2: beams of 21 x 10.6 mm, 23 N·m"
+    paper = "normal; Jalali et al. 2019, Table 2: beams of 21 x 10.6 mm, 23 N·m"
     lap = {
         "cells": "lap",
         "law": "generic",
         "k1": guess("1763 N m", paper),
-        "k2": guess("37400 N m", "slip"),
+        "k2": guess("37400 N m", "tangential"),
         "c": guess("0.15 N m s"),
         "bolted": True,
     }
@@ -770,11 +770,11 @@ def _draft(tagged: TaggedMesh, mesh: Mapping, material: str, ask: Ask, hole: flo
         tables |= {"contacts": _contacts(contacts), "bolts": _bolt_sections(bolts, hole)}
         questions += ["The bolts: their thread and force.", "The friction of the contacts."]
     if joints:
-        questions.append("The joints' stiffness: it is what a test is to find.")
+        questions.append("The joints' stiffness: the test is to identify it.")
     elif not contacts and len(parts) > 1:
         questions.append(_NO_LAYER)
     if bodies > 1 and not (contacts and bolts):
-        questions.append(f"The mesh is in {bodies} pieces that share no vertices: what joins them?")
+        questions.append(f"The mesh is in {bodies} pieces without common vertices: how joined?")
     found = [f"parts: {', '.join(parts)}"]
     if joints:
         found.append(f"joints: {', '.join(joints)}")

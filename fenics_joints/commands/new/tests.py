@@ -31,9 +31,9 @@ _NODES, _SHAPES = {15, 2411}, {55, 2414}
 _CONDITIONS = ("torque", "level", "force", "preload", "amplitude", "run", "row", "test")
 _NO_SENSORS = guess(
     {"points": [["0 mm", "0 mm", "0 mm"]], "direction": [0, 0, 1]},
-    "places and directions of the sensors; without them the modes are the model's lowest",
+    "places and directions of the sensors; without them modes are the model's lowest",
 )
-_WHAT_IT_SAW = "What the test saw: without sensors its modes are the model's lowest."
+_WHAT_IT_SAW = "The test's sensors: without them its modes are taken as the model's lowest."
 _NO_UNIT = "The unit of the sensors' places, which the files do not say."
 
 #: Extents of the structure, m, or None; looked for where a file does not say its unit.
@@ -161,8 +161,8 @@ class TestDraft:
             sees["directions"] = [Remark(d.tolist(), "") for d in directions]
         else:
             thin = np.eye(3, dtype=int)[int(np.ptp(points, axis=0).argmin())]
-            sees["direction"] = guess(thin.tolist(), "columns dx, dy, dz would say it")
-            self.questions.append("Which way the sensors look.")
+            sees["direction"] = guess(thin.tolist(), "columns dx, dy, dz would give it")
+            self.questions.append("The directions of the sensors.")
         self.table |= {"shapes": file, "sees": sees}
         self.places = points
 
@@ -180,11 +180,11 @@ class TestDraft:
         if unit is not None:
             section["length_unit"] = guess(unit, "the files do not say it")
         if not self.n_modes:
-            near = guess(["100 Hz", "200 Hz"], "about where they are; else all that are stable")
+            near = guess(["100 Hz", "200 Hz"], "the modes, roughly; else all stable poles")
             section["identify"] = {f"{OPEN}near": near}
         self.table["frfs"] = section if len(section) > 1 else section["files"]
         hz = frfs.frequencies_hz
-        self.found.append(f"{int(frfs.measured.sum())} functions, {hz[0]:g} to {hz[-1]:g} Hz")
+        self.found.append(f"{int(frfs.measured.sum())} FRFs, {hz[0]:g} to {hz[-1]:g} Hz")
         self.n_modes = self.n_modes or 1
 
     def add_amplitude(self, paths: Sequence[Path]) -> None:
@@ -202,12 +202,10 @@ class TestDraft:
         for name, data in zip(_mode_names(groups, self.known), groups, strict=True):
             files, section = ", ".join(data.files), {"files": data.files, **data.options}
             if data.backbone is None:  # what was held constant no file says
-                questions.append(f"The levels of the {data.functions} functions in {files}.")
-                found.append(
-                    f"{data.functions} functions of one mode, of unknown levels, in {files}"
-                )
+                questions.append(f"The levels of the {data.functions} FRFs in {files}.")
+                found.append(f"{data.functions} FRFs of one mode, of unknown levels, in {files}")
                 likely = [f"{5 * (i + 1)} m/s2" for i in range(data.functions)]
-                levels = guess(likely, "of each function, in the file's order, with their unit")
+                levels = guess(likely, "of each FRF, in the file's order, with their unit")
                 sections[f"{OPEN}{name}"] = {"files": data.files, "levels": levels}
                 continue
             kind = data.backbone.kind
@@ -306,7 +304,7 @@ def _sorted(files: TestFiles) -> tuple[list[Path], list[Path]]:
             nodes.append(path)
         elif not kinds & {*_SHAPES, 58}:
             raise InputError(
-                f"{path}: holds neither mode shapes (datasets 55 or 2414) nor functions (58): "
+                f"{path}: holds neither mode shapes (datasets 55 or 2414) nor FRFs (58): "
                 "expected one"
             )
     universal = [p for p in functions if p.suffix.lower() in UFF_SUFFIXES]
@@ -400,7 +398,7 @@ def _count_functions(path: Path, ask: Ask) -> tuple[int, str | None]:
     try:
         return read(None), None
     except InputError as error:
-        question = f"{error}. Unit of the functions, such as m/s2/N (or none)"
+        question = f"{error}. Unit of the FRFs, such as m/s2/N (or none)"
         units = ask(question, "", lambda answer: answer and read(answer))
         if not units:
             raise
@@ -414,7 +412,7 @@ def _asked_levels(path: Path, count: int, ask: Ask) -> list[str]:
         if answer.strip() and len(_levels_in(answer)) != count:
             raise ValueError(f"{answer!r}: expected {count} levels, such as 5 m/s2, 10 m/s2")
 
-    question = f"Levels of the {count} functions in {path.name}, such as 5 m/s2, 10 m/s2 (or none)"
+    question = f"Levels of the {count} FRFs in {path.name}, such as 5 m/s2, 10 m/s2 (or none)"
     return _levels_in(ask(question, "", known))
 
 

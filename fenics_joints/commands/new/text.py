@@ -32,9 +32,9 @@ def text_of(title: str, draft: Draft, test: TestDraft) -> str:
     }
     lines = [
         "# Written by fenics-joints new from the files named below. A number with a unit is a",
-        '# text; a bare number is in SI units. What was guessed has a "?" behind it:',
+        '# text; a bare number is in SI units. Guesses are marked by a "?":',
         *(f"# ? {question}" for question in (*draft.questions, *test.questions)),
-        "# fenics-joints check says what else is wrong or unlikely.",
+        "# fenics-joints check lists other errors and unlikely values.",
         "",
         *_lines(case, set()),
     ]
@@ -53,7 +53,7 @@ def _work(joints: Mapping[str, Remark], test: TestDraft) -> dict[str, dict]:
     if len(names) > test.n_modes:  # more than the frequencies can say, whatever they are
         names = [*layers, *across][: max(test.n_modes, 3)]
     at = {} if test.at is None else {"at": test.at}
-    update = {**at, "parameters": guess(names, "what is known least")}
+    update = {**at, "parameters": guess(names, "the least known ones")}
     return {
         **({"update": update} if names else {}),
         "diagnose": {"n_modes": max(20, 2 * test.n_modes + 6)},

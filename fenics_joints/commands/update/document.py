@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
 from fenics_joints.beams import BeamStructure
 from fenics_joints.case import Case
-from fenics_joints.case.notes import OF_MODEL
 from fenics_joints.commands.update.pictures import (
     convergence_chart,
     function_charts,
@@ -18,7 +18,6 @@ from fenics_joints.commands.update.result import Functions, ModeTable, UpdateRep
 from fenics_joints.commands.update.words import accuracy, decibel, in_words, start_words
 from fenics_joints.formatting import condition_value, hertz, number, percent, quantity, spread
 from fenics_joints.measurements import Target
-from fenics_joints.measurements.gap import rms
 from fenics_joints.modal.modes import Modes
 from fenics_joints.reduction.frf_basis import paired
 from fenics_joints.report import document as doc
@@ -33,20 +32,20 @@ _STILLS = 6
 _PARAMETERS, _MODES = 8, 10
 #: The method in words.
 _METHODS = {
-    "log": "Maximum likelihood; frequencies, ratios and functions count by their logarithms",
-    "weighted": "By the weighted equations of Machines 2022 (eqs. 15 to 20)",
+    "log": "Maximum likelihood, on the logarithms of frequencies, damping ratios and FRFs",
+    "weighted": "Weighted equations of Machines 2022 (eqs. 15 to 20)",
 }
 _KINDS = {
     "frequencies": "frequencies",
     "shapes": "mode shapes",
     "damping": "damping ratios",
-    "frfs": "functions",
+    "frfs": "FRFs",
 }
 #: Ids on the page of the errors that have changed, and what they are errors of.
 _CHANGES = {
-    "frequencies": ("gap-after", "of the frequencies after, RMS"),
-    "damping ratios": ("damping-after", "of the damping ratios after, RMS"),
-    "functions": ("level-after", "of |H| after, RMS over all lines"),
+    "frequencies": ("gap-after", "of the frequencies"),
+    "damping ratios": ("damping-after", "of the damping ratios"),
+    "FRFs": ("level-after", "of |H| over all lines"),
 }
 
 
@@ -60,15 +59,16 @@ def update_document(r: UpdateReport) -> doc.Document:
         name, value, unit = r.condition
         at = f" at {name} {condition_value(value, unit)}"
     how = f"{r.update.evaluations} evaluations of the model; {r.update.message}."
-    sentences = [("", words) for words in (verdict_words(r), how) if words]
-    notes = [note if note.startswith(OF_MODEL) else f"but: {note}" for note in r.notes]
+    held, worse = held_words(r)
+    end += ", worse on held-out data" if worse else ""
+    sentences = [("", verdict_words(r)), ("Held out", held), ("", how)]
     return doc.Document(
         r.title,
         "update",
         f"Model updating on measured {data}",
         [
-            doc.Verdict(f"Update{at} on {data}{end}", sentences),
-            doc.Remarks("But", notes),
+            doc.Verdict(f"Update{at} on {data}{end}", [pair for pair in sentences if pair[1]]),
+            doc.Remarks("Notes", r.notes, "note: "),
             doc.OnPage([doc.Keys(_keys(r))]),
             *_parameters(r),
             *([] if r.modes is None else _modes(r, r.modes)),
@@ -87,21 +87,21 @@ def _keys(r: UpdateReport) -> list[tuple[str, str, str]]:
     for kind, (before, after) in r.changes().items():
         if kind in _CHANGES:
             key, words = _CHANGES[kind]
-            keys.append((key, after, f"error {words} (before {before})"))
-    if r.functions is not None and r.functions.held.any():
-        levels = r.functions.summary()
-        words = f"error of |H| where no fit looked (before {decibel(levels['held_before'])})"
-        keys.append(("level-held", decibel(levels["held_after"]), words))
-    if r.held:
-        errors = np.array([h["error_percent"] for h in r.held], dtype=float) / 100
-        words = f"{_held_out(r)}: error of what was predicted, RMS"
-        keys.append(("held-rms", percent(rms(errors)), words))
+            keys.append((key, after, f"RMS error {words} after the update (before: {before})"))
+    held = r.held_changes()
+    if "FRFs" in held:
+        before, after = map(decibel, held["FRFs"])
+        keys.append(("level-held", after, f"RMS error of held-out |H| (before: {before})"))
+    if "frequencies" in held:
+        before, after = map(percent, held["frequencies"])
+        words = f"RMS error of the frequencies {_held_out(r)} (before: {before})"
+        keys.append(("held-rms", after, words))
     dof, chi2 = r.update.degrees_of_freedom, r.update.chi2
     if dof > 0 and np.isfinite(chi2):
-        words = "RMS residual in standard deviations of the noise; 1 if noise is all that is left"
+        words = "RMS residual in standard deviations of the noise (1: only noise is left)"
         keys.append(("misfit", number(float(np.sqrt(chi2 / dof)), 2), words))
     if r.sweep is not None and r.sweep.curves:
-        keys += [(f"curve-{k}", g, f"gap on the curves, {words}") for k, g, words in _gaps(r)]
+        keys += [(f"curve-{k}", g, f"error on the curves, {words}") for k, g, words in _gaps(r)]
     return keys
 
 
@@ -120,12 +120,29 @@ def verdict_words(r: UpdateReport) -> str:
     found = r.changes()
     if not found:
         return ""
-    (what, (before, after)), *others = found.items()
-    if "MAC" in what:
-        return f"The {what} {before} -> {after}."
+    if "lowest MAC" in found:
+        before, after = found["lowest MAC"]
+        return f"The lowest MAC went from {before} to {after}."
+    return f"{_went(found)}."
+
+
+def held_words(r: UpdateReport) -> tuple[str, bool]:
+    """Held-out errors before and after in a sentence or "", and whether any of them is larger."""
+    changes = r.held_changes()
+    if not changes:
+        return "", False
+    write = {"damping ratios": partial(percent, digits=1), "FRFs": decibel}
+    words = _went({k: tuple(map(write.get(k, percent), pair)) for k, pair in changes.items()})
+    if worse := any(after > before for before, after in changes.values()):
+        words += ": the updated model predicts unseen data worse than the baseline model"
+    return f"{words}.", worse
+
+
+def _went(changes: Mapping[str, tuple[str, str]]) -> str:
+    (what, (before, after)), *others = changes.items()
     words = [f"The error of the {what} went from {before} to {after}"]
     words += [f"that of the {what} from {before} to {after}" for what, (before, after) in others]
-    return f"{', '.join(words)}."
+    return ", ".join(words)
 
 
 # -- parameters ------------------------------------------------------------------------------------
@@ -161,9 +178,10 @@ def _parameters(r: UpdateReport) -> list:
         words = [doc.Text("This fit explains nothing of the test: do not use its values.", "bad")]
     pull, (before, after) = start_words(found, r.pull), r.conditions
     if len(r.parameters) > 1 and np.isfinite(before):
-        how = "weighted from left and right (eq. 18)" if u.method == "weighted" else "by logarithms"
-        said = f"condition number of the sensitivities at the start: {number(before, 2)} in SI"
-        said += f" units (Machines 2022, eq. 16), {number(after, 2)} {how}"
+        weighted = u.method == "weighted"
+        how = "with rows and columns weighted (eq. 18)" if weighted else "in logarithms"
+        said = f"Condition number of the sensitivities at the start: {number(before, 2)} in SI"
+        said += f" units (Machines 2022, eq. 16), {number(after, 2)} {how}."
         words.append(doc.Text(said, "note"))
     weakest = sorted(zip(found.names, found.weakest, strict=True), key=lambda p: -abs(p[1]))
     direction = ", ".join(f"{name} {share:+.2f}" for name, share in weakest)
@@ -172,18 +190,18 @@ def _parameters(r: UpdateReport) -> list:
         "collinearity index at the end (1: independent; above 20: hardly distinguishable)"
     )
     facts.add(collinearity, number(found.collinearity))
-    facts.add("direction that the data determine least, by logarithms", direction)
-    steps = "From the start to the end."
+    facts.add("combination of logarithms that the data determine least", direction)
+    steps = "Parameters over the steps of the fit."
     if u.method == "log" and r.functions is not None:
         steps += (
-            " First the functions' lines are moved along with the model's resonances, so that a "
-            "resonance that is far off does not mislead; then they are fitted where they were "
-            "measured."
+            " First the lines of the FRFs move along with the model's resonances, so that a "
+            "resonance that is far off does not mislead the fit; then the FRFs are fitted at their "
+            "measured frequencies."
         )
     return [
         doc.Heading("Parameters", "parameters"),
         table,
-        doc.Heading("What the data determine", "identifiability", level=3),
+        doc.Heading("Which parameters the data determine", "identifiability", level=3),
         *words,
         *([] if pull is None else [doc.Text(pull, "note", "pull")]),
         doc.OnPage([facts]),
@@ -278,8 +296,8 @@ def _published(r: UpdateReport, modes: ModeTable) -> doc.Table:
         rows,
         "name: mode | frequencies_hz: >published model, Hz | model_hz: >this model, Hz | "
         "errors_percent: >this over published | test_hz: >measured, Hz",
-        caption=f"This model with the published parameters ({source}) beside the published model: "
-        "what differs is the models, not the parameters",
+        caption=f"This model and the published one, both with the published parameters ({source}): "
+        "any difference comes from the models",
         id="published",
     )
 
@@ -325,16 +343,16 @@ def _held(r: UpdateReport) -> list:
         on_page=("damping_before",),
     )
     how = (
-        "Each mode was left out in turn and the model fitted anew to all else."
+        "Each mode was left out in turn and the model refitted to the remaining data."
         if "turn" in _held_out(r)
-        else "These modes took no part in the fit."
+        else "These modes were not used in the fit."
     )
     note = (
-        f"{how} The standard deviation is what the data's noise does to the prediction; an error "
-        "well above it is one of the model."
+        f"{how} The standard deviation covers the noise of the data only; an error well above it "
+        "is an error of the model."
     )
     return [
-        doc.Heading("Held out: predicted by a fit that did not see it", "held", level=3),
+        doc.Heading("Held-out modes, predicted by a fit to the other data", "held", level=3),
         table,
         *([ratios] if ratios.rows else []),
         doc.OnPage([doc.Text(note, "note")]),
@@ -396,7 +414,7 @@ def _functions(functions: Functions) -> list:
             for key, words in kinds.items()
             if found[f"{key}_after"] is not None
         ],
-        "kind: functions, error of the level | before_db: >before | after_db: >after",
+        "kind: FRFs, error of the level | before_db: >before | after_db: >after",
         write=_written,
         caption="Root mean square of 20 lg |H model / H test|",
         id="levels",
@@ -417,17 +435,17 @@ def _functions(functions: Functions) -> list:
         "response: response | force: force | before_db: >before | after_db: >after | "
         "frac_before: >FRAC before | frac_after: >FRAC after",
         write=_written,
-        caption="FRAC: frequency response assurance criterion, 1 if alike but for a factor",
+        caption="FRAC: frequency response assurance criterion (1: equal up to a factor)",
     )
     shown, words = len(shown_functions(functions)), ""
     if shown < len(rows):
-        words = f"{shown} of {len(rows)} functions: those held out and those that fit least. "
-    words += "Ticks are the lines that were fitted, most of them where the functions change most."
+        words = f"{shown} of {len(rows)} FRFs: those held out, then the worst fits. "
+    words += "Ticks mark the fitted lines, most of them where the FRFs change most."
     return [
         doc.Heading("Functions", "functions"),
         doc.Figure(lambda: function_charts(functions), words),
         levels,
-        doc.Folded("Function by function", [each]),
+        doc.Folded("Each FRF", [each]),
     ]
 
 
@@ -440,14 +458,14 @@ def _sweep(r: UpdateReport) -> list:
     blocks = [doc.Heading(f"Over the {name}", "conditions")]
     if panels:
         caption = (
-            "Each point was identified at its own condition; a bar beyond the panel means that the "
-            "data there do not determine the parameter."
+            "Each point was identified at one condition; a bar that leaves the panel means that "
+            "the data at this condition do not determine the parameter."
         )
         blocks.append(doc.Figure(lambda: parameter_panels(panels, (name, unit)), caption))
     blocks.append(doc.OnPage([_fits(r)]))
     if sweep.curves:
         gaps = ", ".join(f"{gap} {words}" for _, gap, words in _gaps(r))
-        said = f"On the curves over the {name} the gap is {gaps}."
+        said = f"On the curves over the {name} the error is {gaps} (RMS)."
         blocks += [doc.Heading("Curves", level=3), doc.OnPage([_curves(r)]), doc.Text(said)]
     on, labels = sweep.frequencies, ("", "model on the curves")
     if on is not None:
@@ -489,8 +507,8 @@ def _fits(r: UpdateReport) -> doc.Table:
     return doc.Table.of(
         rows,
         columns | {f"{mode}, error_percent": f">{mode}" for mode in r.modes.names},
-        caption="Identified at each condition, with the standard deviation, and what was left of "
-        "the errors; * held out of the curves",
+        caption="Identified at each condition with its standard deviation, and the remaining "
+        "errors; * held out of the curves",
         id="fits",
     )
 
@@ -554,17 +572,17 @@ def curve_line(curve: Mapping | None, x: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def _basis(r: UpdateReport) -> list:
     """The model and the assumptions of the update."""
-    held = " and each parameter held near its start by update.regularisation" if r.pull else ""
-    reduced = "The iteration took the model itself: nothing was reduced."
+    held = " and that update.regularisation keeps each parameter near its start" if r.pull else ""
+    reduced = "The fit used the full model, without reduction."
     if r.model.get("samples"):
         reduced = (
-            "The reduced model of the iteration was checked against the full one at the identified "
-            "values; all numbers and curves before and after are the full model's."
+            "The fit used a reduced model, which was checked against the full one at the "
+            "identified values; all numbers and curves before and after come from the full model."
         )
     note = (
-        "A standard deviation is relative, what the stated noise of the data does to the value, "
-        f"the model taken as right{held}; where it is large it is given as the factor by which the "
+        "Standard deviations are relative and follow from the stated noise of the data; they "
+        f"assume that the model is correct{held}. A large one is given as the factor by which the "
         f"value may be smaller or larger. {reduced}"
     )
-    heading = doc.Heading("What this rests on", "rests-on")
+    heading = doc.Heading("Model and assumptions", "rests-on")
     return [heading, facts_table(r.model), doc.Text(note, "note")]

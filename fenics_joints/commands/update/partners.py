@@ -66,8 +66,8 @@ def explains_nothing(
     left = rms(errors) if np.isfinite(errors).any() else 0.0
     if left >= _NOTHING:
         return (
-            f"the frequencies are still {percent(float(np.expm1(left)))} off after the fit (root "
-            "mean square), as much as neighbouring modes differ"
+            f"the frequencies are still off by {percent(float(np.expm1(left)))} after the fit "
+            "(root mean square), as much as the distance of neighbouring modes"
         )
     if excess == 1 or modes.mac_after is None:
         return None
@@ -87,9 +87,9 @@ def _shapes_of_others(modes: ModeTable, in_order: np.ndarray) -> str | None:
     if not lost.all() or after <= before:
         return None
     return (
-        f"it ends {percent(after)} from the frequencies (root mean square), each shape is less "
-        f"like its mode than before, and the model before the fit, in order of frequency, is "
-        f"{percent(before)} off: are the shapes those of other modes?"
+        f"the frequencies are off by {percent(after)} after the fit (root mean square), each MAC "
+        f"is lower than before, and with modes paired in order of frequency the model was off by "
+        f"{percent(before)} before the fit: do the shapes belong to other modes?"
     )
 
 
@@ -118,9 +118,9 @@ def more_or_fewer(case: Case, error: TooFewModes) -> tuple[Case, str | None]:
     if not error.partnered or isinstance(held, list | tuple) and set(out) & set(held):
         raise error
     note = (
-        f"{', '.join(out)}: left out, as the model has fewer modes that the test's sensors see "
-        "than the test has; are the sensors' places and directions right ([test.sees]), or does "
-        "something move there that is not in the model?"
+        f"{', '.join(out)}: left out, since the model has fewer modes visible to the test's "
+        "sensors than were measured; are the sensors' places and directions right ([test.sees]), "
+        "or does the model lack a part that moves there?"
     )
     return case.with_modes(error.partnered), note
 
@@ -144,8 +144,8 @@ def other_partners(data: UpdateData, found: Update, modes: Modes) -> list[str]:
     for j, (fitted, shown) in enumerate(zip(taken, pairing.index, strict=True)):
         if fitted != shown and j not in found.widths.without:
             notes.append(
-                f"two modes of the model look like {data.mode_names[j]} to the test: the fit took "
-                f"that at {hz[fitted]:.5g} Hz, the table that at {hz[shown]:.5g} Hz; sensors that "
-                "tell them apart, or another start, would help"
+                f"two modes of the model match {data.mode_names[j]} about equally well: the fit "
+                f"used the one at {hz[fitted]:.5g} Hz, the table shows the one at {hz[shown]:.5g} "
+                "Hz; sensors that distinguish them, or another start, would help"
             )
     return notes

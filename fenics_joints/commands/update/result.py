@@ -246,10 +246,24 @@ class UpdateReport:
             found["damping ratios"] = tuple(percent(e, 1) for e in modes.damping.rms())
         if self.functions is not None:
             levels = self.functions.summary()
-            found["functions"] = decibel(levels["all_before"]), decibel(levels["all_after"])
+            found["FRFs"] = decibel(levels["all_before"]), decibel(levels["all_after"])
         if not found and modes is not None and modes.mac_after is not None:
             lowest = (np.diag(m).min() for m in (modes.mac_before, modes.mac_after))
             found["lowest MAC"] = tuple(f"{m:.4f}" for m in lowest)
+        return found
+
+    def held_changes(self) -> dict[str, tuple[float, float]]:
+        """RMS errors of held-out data before and after, by kind: relative, of FRFs in dB."""
+        found = {}
+        for what, key, unit in (("frequencies", "", "_hz"), ("damping ratios", "damping_", "")):
+            keys = [f"{key}{part}{unit}" for part in ("test", "before", "predicted")]
+            rows = [[h[k] for k in keys] for h in self.held if None not in map(h.get, keys)]
+            if rows:
+                test, before, after = np.array(rows, dtype=float).T
+                found[what] = rms(before / test - 1), rms(after / test - 1)
+        if self.functions is not None and self.functions.held.any():
+            levels = self.functions.summary()
+            found["FRFs"] = levels["held_before"], levels["held_after"]
         return found
 
     def to_json(self) -> dict[str, object]:

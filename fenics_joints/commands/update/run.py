@@ -234,13 +234,13 @@ class _CaseUpdate:
         self.notes += fit_notes(found, self.data.mode_names)
         if found.method == "log" and found.history[-1].moved:
             self.notes.append(
-                "no values were found that bring the model within the noise of the test, so "
-                "functions were compared at the same place between the resonances, not at the same "
+                "no values were found that bring the model within the noise of the test, so the "
+                "FRFs were compared at the same position between resonances, not at the same "
                 "frequency"
             )
         if off:
             self.notes.append(
-                f"the reduced model is still off at what was found: {', '.join(off)}; the "
+                f"the reduced model is inaccurate at the identified values: {', '.join(off)}; the "
                 "parameters may be off by more than their standard deviations"
             )
         modes = self.model.modes(self._values(found))

@@ -28,8 +28,9 @@ def in_words(found: Identifiability) -> list[str]:
         sentences = [words + "."]
     else:
         rest = [name for name in found.names if name not in found.undetermined]
-        first = f"The data alone do not determine {_and(found.undetermined)}"
-        sentences = [f"{first}; they do {_and(rest)}." if rest else f"{first}."]
+        open_ = _and(found.undetermined)
+        known = f"determine {_and(rest)}, but not {open_}" if rest else f"do not determine {open_}"
+        sentences = [f"The data alone {known}."]
     together = _together(found)
     return [*sentences, together] if together else sentences
 
@@ -43,19 +44,19 @@ def _together(found: Identifiability) -> str | None:
     (a, first), (b, second), *_ = parts
     if found.condition < _OPEN:
         times = number(found.condition, 2)
-        known = f"the data know it {times} times worse than the best-known combination"
+        known = f"the data know this combination {times} times less accurately than the best one"
     else:
-        known = "the data do not know it at all"
+        known = "the data do not determine it at all"
     if len(parts) == 2 and abs(abs(a) - abs(b)) < 0.1:
         what = "ratio" if a * b > 0 else "product"
-        how = "by a common factor" if a * b > 0 else "one up and the other down by a factor"
+        how = "by a common factor" if a * b > 0 else "in opposite directions by a common factor"
         return (
-            f"{first} and {second} can change together, {how}, and {known}: what "
-            f"the data see is their {what}."
+            f"{first} and {second} can change together, {how}: {known}. The data determine "
+            f"their {what} only."
         )
     sign = 1 if a > 0 else -1
     mixed = ", ".join(f"{name} {sign * share:+.2f}" for share, name in parts)
-    return f"Least known is the combination {mixed} (of logarithms); {known}."
+    return f"The least certain combination of logarithms is {mixed}; {known}."
 
 
 def _and(names: Sequence[str]) -> str:
@@ -81,7 +82,7 @@ def start_words(found: Identifiability, pull: float | None) -> str | None:
     if pull is None or not left:
         return None
     return (
-        f"Standard deviations, above all of {_and(left)}, are with update.regularisation = "
-        f"{number(pull, 2)}, which holds every parameter near its start, within a factor of "
-        f"{number(float(np.exp(pull)), 2)}; by the data alone they would be larger."
+        f"The standard deviations, in particular of {_and(left)}, include update.regularisation = "
+        f"{number(pull, 2)}, which keeps every parameter within about a factor of "
+        f"{number(float(np.exp(pull)), 2)} of its start; the data alone would give larger ones."
     )

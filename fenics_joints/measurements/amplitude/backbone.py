@@ -316,7 +316,7 @@ def _rows_at_rest(driven: TestData, rest: TestData, names: list[str]) -> dict[st
 def _said(driven: TestData, rest: TestData) -> str:
     """A note on the level assumed for modes near rest."""
     level = f"{_REST * driven.conditions[0]:g} {driven.condition_unit}"
-    words = f"modes measured without a level stand at {level}, a tenth of the lowest, as near rest"
+    words = f"modes measured without a level are placed at {level}, a tenth of the lowest level"
     both = [name for name in driven.mode_names if name in rest.mode_names]
     items = []
     for name in both:
@@ -324,7 +324,7 @@ def _said(driven: TestData, rest: TestData) -> str:
         lowest = column[np.isfinite(column)][0]
         alone = rest.frequencies_hz[0, rest.mode_names.index(name)]
         items.append(f"{name} ({alone:.5g} Hz without a level, {lowest:.5g} Hz at its lowest)")
-    return f"{words}; the levels alone count of {', '.join(items)}" if items else words
+    return f"{words}; of {', '.join(items)} only the levels are used" if items else words
 
 
 def _distinct(levels: np.ndarray) -> np.ndarray:

@@ -220,7 +220,7 @@ def _functions(table: DataTable, held: str, levels: np.ndarray):
     if given:
         kind, functions = _written(table, given, spin)
         if held not in ("force", kind):
-            raise InputError(f"{table.path}: level is of {held}, the functions are of {kind}")
+            raise InputError(f"{table.path}: level is of {held}, the FRFs are of {kind}")
         forces = levels if held == "force" else levels / np.abs(functions)
         return kind, functions, forces, None
     force = None
@@ -333,7 +333,7 @@ def histories_of(path: Path, units: str | None = None) -> list[History]:
         raise InputError(
             f"{path}: holds no response over time (its datasets 58 are of type "
             f"{', '.join(kinds) or 'none'}); expected type 1 with displacement, velocity or "
-            "acceleration; or, for functions (type 4), the level of each in levels"
+            "acceleration; or, for FRFs (type 4), the level of each in levels"
         )
     return records
 
@@ -466,15 +466,15 @@ def _functions_at_levels(paths: Sequence[Path], levels: Sequence[str], units: st
         records += reader_of(path)(path, metadata).functions
     if len(records) != len(levels):
         raise InputError(
-            f"levels: {len(levels)} of them for {len(records)} functions in "
+            f"levels: {len(levels)} of them for {len(records)} FRFs in "
             f"{', '.join(str(p) for p in paths)}; expected one for each function, in their order"
         )
     held, sizes = _levels(levels)
     kinds = {motion_kind(record.kind) for record in records}
     if len(kinds) > 1 or held not in ("force", *kinds):
         raise InputError(
-            f"levels are of {held}, the functions of {', '.join(sorted(kinds))}; expected levels "
-            "of the response of the functions, or of the force"
+            f"levels are of {held}, the FRFs of {', '.join(sorted(kinds))}; expected levels "
+            "of the response of the FRFs, or of the force"
         )
     sweeps = []
     for record, level in zip(records, sizes, strict=True):

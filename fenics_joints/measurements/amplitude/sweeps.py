@@ -267,7 +267,9 @@ def from_constant_response(
             ones = np.ones((len(omega), 1))
             found.append(fit_oscillator(omega, receptance, ones, phase=near.has_phase))
         if found[-1].scatter > 0.1:
-            notes.append(f"{words}: one oscillator leaves {100 * found[-1].scatter:.0f} % of it")
+            notes.append(
+                f"{words}: one oscillator leaves a residual of {100 * found[-1].scatter:.0f} %"
+            )
     levels = np.array([sweep.level for sweep in sweeps])
     arrays = {
         key: np.array([getattr(one, key)[0] for one in found])
@@ -335,7 +337,7 @@ def from_constant_force(
         lost = ", ".join(f"{a:.3g} m" for a in np.exp(knots[poor]))
         notes.append(f"frequency and damping are not determined at {lost}, and left out")
     if fit.scatter > 0.1:
-        notes.append(f"one mode with one backbone leaves {100 * fit.scatter:.0f} % of the sweeps")
+        notes.append(f"the residual of one mode with one backbone is {100 * fit.scatter:.0f} %")
     w = 2 * np.pi * fit.frequencies_hz
     amplitudes = np.exp(knots) * w ** TIMES[_FUNCTION[response]]
     arrays = {
