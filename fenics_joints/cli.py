@@ -8,21 +8,20 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import click
 import typer
 
 from fenics_joints import __version__
 from fenics_joints.commands.arguments import (
+    FORMATS,
     CaseArgument,
-    DebugOption,
-    JsonOption,
-    LargeOption,
-    ReportOption,
+    CaseOptions,
     VtxOption,
     file_option,
 )
 from fenics_joints.commands.database import app as database_app
 from fenics_joints.commands.line import new_app
-from fenics_joints.commands.start import check, new, prepared, schema
+from fenics_joints.commands.start import check, new, schema, written
 from fenics_joints.formatting import printable
 from fenics_joints.machine.imports import guard
 from fenics_joints.machine.streams import environment, open_streams
@@ -38,8 +37,8 @@ _LIBRARIES = 640 * 2**20
 
 app = new_app(
     "",
-    "Where a model of a bolted structure and its vibration test disagree, why, and how far the gap "
-    "shrinks.",
+    "Where a model of a bolted structure disagrees with its vibration test, why, and by how much "
+    "the error falls.",
 )
 for _first in (new, check, schema):
     app.command()(_first)
@@ -56,7 +55,7 @@ def modes(
     contacts: Annotated[
         str,
         typer.Option(
-            help="What contacts are: stuck, or as the preload leaves them.", metavar="stuck|preload"
+            help="Contacts: stuck, or as the preload leaves them.", metavar="stuck|preload"
         ),
     ] = "stuck",
     iterative: Annotated[
@@ -74,45 +73,18 @@ def modes(
             help="Draw all modes on the page, also those that the test does not see.",
         ),
     ] = False,
-    json: JsonOption = None,
-    report: ReportOption = None,
     vtx: VtxOption = None,
-    large: LargeOption = False,
-    debug: DebugOption = False,
 ) -> None:
-    """Natural frequencies and modes of the nominal model.
-
-    JSON: version, title, dofs, frequencies_hz (0 for rigid-body modes), rigid_body_modes (their
-    number), visible (whether the test could see each mode; null if the case does not say), size_m
-    (extents of the mesh), rings (the bolts': name, centre_m, thickness_m, r_nei_m, r_wai_m, parts),
-    test (the modes beside those of the test: condition, pairs, gap, mac_matrix, mac_modes; null
-    without data), notes (on the test's data).
-    """
+    """Natural frequencies and modes of the baseline model."""
     options = {"n_modes": n, "state": contacts, "draw_all": draw_all, "fields": vtx}
     options["method"] = "iterative" if iterative else "direct"
-    outputs = {"--json": json, "--report": report, **_field_files(vtx)}
-    _command("run_modes", options, case, outputs, large, debug)
+    _command("modes", "run_modes", options, case, _field_files(vtx))
 
 
 @app.command()
-def preload(
-    case: CaseArgument,
-    json: JsonOption = None,
-    report: ReportOption = None,
-    large: LargeOption = False,
-    vtx: VtxOption = None,
-    debug: DebugOption = False,
-) -> None:
-    """Contact at the case's bolt forces and loads, and what it does to the frequencies.
-
-    JSON: bolt_forces_n, iterations, contacts (force_n, peak_pressure_pa, mean_pressure_pa,
-    area_m2, area_above_1_mpa_m2, radius_m and equal_radius_m by bolt, open, slip, stick), applied
-    (obstacles, displacements and loads: name, kind, displacement_m, force_n), frequencies_hz
-    (stuck, preloaded, stuck_become), free_motions, notes.
-    """
-
-    outputs = {"--json": json, "--report": report, **_field_files(vtx)}
-    _command("run_preload", {"fields": vtx}, case, outputs, large, debug)
+def preload(case: CaseArgument, vtx: VtxOption = None) -> None:
+    """Contact under the case's bolt forces and loads, and its effect on the frequencies."""
+    _command("preload", "run_preload", {"fields": vtx}, case, _field_files(vtx))
 
 
 @app.command()
@@ -125,44 +97,27 @@ def update(
         Path | None,
         file_option(
             "--keep",
-            "With --bayes: keep the chains there (NetCDF), and go on from what is there.",
+            "With --bayes: keep the chains in this file (NetCDF), and continue those in it.",
             "FILE.nc",
         ),
     ] = None,
-    json: JsonOption = None,
-    report: ReportOption = None,
-    large: LargeOption = False,
-    debug: DebugOption = False,
 ) -> None:
-    """Fit the parameters, or the cut-off pressure, that the case names to what was measured.
+    """Fit the case's update parameters, or its cut-off pressure, to the measured data.
 
     To frequencies; with test.frfs and [damping], a parameter of damping and test.damping, or
     update.data, to any mix of frequencies, shapes, damping ratios and frequency response functions
     at one condition.
 
-    JSON: method, data, parameters (name, value, unit, standard deviation), frequencies_hz (test,
-    before and after), errors_percent, modes (the same by mode, MAC, damping_test, damping_before,
-    damping_after), functions_db (RMS of |H| in dB, all, fitted and held out), held_modes
-    (predicted_hz, error_percent, damping_predicted), condition_numbers (before and after
-    weighting), identifiability (in_words, undetermined, weakest_direction), fit (chi2,
-    evaluations), history; on frequencies alone also torque_fits, curves and curve_gap.
-
-    For a cut-off pressure: schemes (cutoff_pa, objective, frequencies_hz, crossings_pa,
-    stuck_area_m2, minimum, sweep), test and stuck frequencies.
-
-    With --bayes instead: converged and problems, parameters (name, mean, sd, median, low and high
-    of 90 %, rhat, ess_bulk, ess_tail, unit), correlation, prior, likelihood and doubts in words,
-    frequencies (measured and predicted, held or not), predictive_check (scatter and correlation of
-    specimens), independent_check (of the paper's likelihood), sampler, model. Chains that did not
-    converge predict nothing; what they are is written, and the command fails.
+    With --bayes, chains that did not converge predict nothing; they are written, and the
+    command fails.
     """
     if keep is not None and not bayes:
         raise typer.BadParameter("there are no chains without --bayes", param_hint="--keep")
     name, options = ("run_bayes", {"keep": keep}) if bayes else ("run_update", {})
-    outputs = {"--json": json, "--report": report, "--keep": keep}
+    files = {"--keep": keep}
     if keep is not None:
-        outputs["--keep (its model)"] = keep.with_suffix(".model.h5")
-    _command(name, options, case, outputs, large, debug)
+        files["--keep (its model)"] = keep.with_suffix(".model.h5")
+    _command("bayes" if bayes else "update", name, options, case, files)
 
 
 @app.command()
@@ -170,7 +125,7 @@ def diagnose(
     case: CaseArgument,
     plan: Annotated[
         bool,
-        typer.Option("--plan", help="Before any data: which causes the test could tell apart."),
+        typer.Option("--plan", help="Before any data: which causes the test could distinguish."),
     ] = False,
     keep: Annotated[
         Path | None,
@@ -185,56 +140,30 @@ def diagnose(
         typer.Option(
             "--effects",
             metavar="NAME",
-            help="What is looked for, instead of [diagnose] effects: a name, all, or module:name; "
+            help="Effects to look for, instead of [diagnose] effects: a name, all, or module:name; "
             "several times.",
         ),
     ] = None,
-    json: JsonOption = None,
-    report: ReportOption = None,
-    large: LargeOption = False,
-    debug: DebugOption = False,
 ) -> None:
-    """Where the model is wrong, which effect causes it, and how far the gap shrinks.
-
-    JSON: in_words (which, how_far, apart, where), gap (before, after, heldout_before,
-    heldout_after, placebo_after; relative RMS), where (region, share), effects (name, region,
-    probability, class), classes, outside, verdict, location, shrinkage, frequencies_hz before and
-    after; its schema is docs/diagnosis.schema.json.
-
-    With --plan instead: apart (number of causes and groups of them told apart), effects (key,
-    class, seen, size, distance from no gap and its range over the sizes), distance and confusion
-    (mean probabilities in simulated tests), by the effect at work and what it is taken for,
-    classes (members, collinearity, combination, left), additions (measurement, apart, seen,
-    mean_gain, largest_gain, pair), the best first.
-    """
-    name = "run_plan" if plan else "run_diagnose"
-    outputs = {"--json": json, "--report": report}
-    _command(name, {"keep": keep, "effects": effects or None}, case, outputs, large, debug)
+    """Where the model is wrong, which effect causes it, and by how much the error falls."""
+    name = "plan" if plan else "diagnose"
+    _command(name, f"run_{name}", {"keep": keep, "effects": effects or None}, case, folder=keep)
 
 
 @app.command()
 def harmonic(
     case: CaseArgument,
-    json: JsonOption = None,
-    report: ReportOption = None,
-    large: LargeOption = False,
     branches: Annotated[
         Path | None,
         file_option(
             "--branches",
-            "Keep every branch there as it grows, and go on from what is there.",
+            "Keep every branch in this folder as it grows, and continue those in it.",
             "FOLDER",
         ),
     ] = None,
-    debug: DebugOption = False,
 ) -> None:
-    """Nonlinear frequency responses at the case's levels of force, and the mode's backbone.
-
-    JSON: levels (level_n, peak_hz, peak, damping_ratio, joint_energy_j, branch), backbone
-    (frequency_hz and damping_ratio over amplitude), interface_points, frequencies_at_rest_hz.
-    """
-    outputs = {"--json": json, "--report": report}
-    _command("run_harmonic", {"branches": branches}, case, outputs, large, debug)
+    """Nonlinear frequency responses at the case's levels of force, and the mode's backbone."""
+    _command("harmonic", "run_harmonic", {"branches": branches}, case, folder=branches)
 
 
 def _version(wanted: bool) -> None:
@@ -279,30 +208,46 @@ def main() -> None:
 def _field_files(vtx: Path | None) -> dict[str, Path | None]:
     """The files of ``--vtx`` by the option; a ``.bp`` is a folder, and is checked as one later."""
     if vtx is None or vtx.suffix == ".bp":
-        return {}
+        return {"--vtx": None}
     return {"--vtx": vtx, "--vtx (its .h5)": vtx.with_suffix(".h5")}
 
 
 def _command(
-    name: str, options: dict, path: Path, outputs: dict[str, Path | None], large: bool, debug: bool
+    command: str,
+    name: str,
+    options: dict,
+    path: Path,
+    files: dict[str, Path | None] | None = None,
+    folder: Path | None = None,
 ) -> None:
     """Read the case, run, write the files, show the summary; exit with the right code.
 
     Args:
+        command: Name of the command, for its files in the folder of ``--out``.
         name: Of the function in `fenics_joints.commands`.
         options: Its keyword arguments.
         path: The case.
-        outputs: Files of what it makes, by the option that names them, or None.
-        large: Whether a model goes on that seems too large for the machine.
-        debug: Whether errors keep Python's traceback.
+        files: Files that it writes itself, by the option that names them, or None.
+        folder: A folder that it writes to, or None.
     """
     from fenics_joints.parallel import guarded
 
-    with guarded(debug):
+    given = CaseOptions.given()
+    outputs = {**given.outputs(), **(files or {})}
+    if loudness() == "quiet" and not any(
+        [*outputs.values(), given.out, folder, options.get("fields")]
+    ):
+        raise click.UsageError(
+            "-q prints no results and no file is named for them; expected --out, --json or --report"
+        )
+    if given.formats != FORMATS and given.out is None:
+        raise typer.BadParameter("chooses what --out writes; expected --out", param_hint="--format")
+    with guarded(given.debug):
         from mpi4py import MPI
 
         from fenics_joints import commands
         from fenics_joints.case import load_case, own_code
+        from fenics_joints.commands.provenance import provenance
         from fenics_joints.files import check_outputs
         from fenics_joints.machine import form_cache, memory
         from fenics_joints.parallel import on_root
@@ -313,18 +258,19 @@ def _command(
         comm = MPI.COMM_WORLD
 
         def read() -> Case:
-            check_outputs(outputs)  # before data are read, which may take a while
-            case = load_case(path)
-            check_outputs(outputs, case.files())
+            check_outputs(outputs, folder=given.out)  # before data are read, which may take a while
+            case = load_case(path, changes=given.changes)
+            check_outputs(outputs, case.files(), given.out)
             return case
 
         case = comm.bcast(on_root(comm, read))
         own_code.find_again(comm.bcast(own_code.references()), case.path.parent)
-        _check_size(comm, case, name, options, large)
+        _check_size(comm, case, name, options, given.large)
         notes = _say_unusual(comm, case, name)
+        run = provenance(comm, case, given.changes)
         with Progress(silent=comm.rank != 0) as progress:
             outcome = getattr(commands, name)(case, comm, progress, **options)
-            finish = prepared(comm, outcome, outputs, progress, notes)
+            finish = written(comm, command, outcome, given, progress, run, notes)
         finish()
 
 

@@ -41,6 +41,8 @@ _DIGITS = 64
 #: Bytes of the largest file of measured data, and of the largest text that is read at once; chosen
 #: for memory.
 _LARGEST_FILE, _LARGEST_TEXT = 2_000_000_000, 50_000_000
+#: Ends of names of files by the option that names them, the usual one first.
+SUFFIXES = {"--report": (".html", ".htm"), "--json": (".json",)}
 #: First characters of a spreadsheet's formula, or of a formula written as text.
 FORMULA = re.compile(r"'*\s*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r\n]")
 
@@ -144,6 +146,18 @@ def read_toml(path: str | Path, expected: str) -> dict:
     return content
 
 
+def toml_value(text: str) -> dict | None:
+    """Content of a line of TOML, not deeper than that of a file; None if it is none."""
+    if _DOTTED.search(text):
+        return None
+    try:
+        content = tomllib.loads(text)
+        _check_toml("--set", content)
+    except (ValueError, RecursionError):
+        return None
+    return content
+
+
 _TOO_DEEP = f"tables or arrays are nested more than {_DEEPEST} deep, expected fewer"
 _DOTTED = re.compile(
     rf"(?<![\w-])(?:(?:[\w-]+|\"[^\"\n]*\"|'[^'\n]*')[ \t]*\.[ \t]*){{{_DEEPEST}}}"
@@ -220,19 +234,26 @@ def writable_folder(path: str | Path, what: str) -> Path:
     return path
 
 
-def check_outputs(outputs: Mapping[str, Path | None], inputs: Iterable[str | Path] = ()) -> None:
+def check_outputs(
+    outputs: Mapping[str, Path | None],
+    inputs: Iterable[str | Path] = (),
+    folder: Path | None = None,
+) -> None:
     """Raise before the work starts if a file of results would take the place of another file.
 
     Args:
         outputs: The files to be by the option that names them; None for none.
         inputs: Files that the work reads.
+        folder: A folder of results, made later; None for none.
 
     Raises:
-        InputError: If one could not be written, is an input, by whatever name or link, or is
-            named by two options.
+        InputError: If one could not be written, is an input, by whatever name or link, is
+            named by two options, or has a name of another format; if inputs are in the folder.
     """
     taken: dict[str, str] = {}
     read = [file for file in inputs if os.path.exists(file)]
+    if folder is not None:
+        _check_folder(folder, read)
     for option, path in outputs.items():
         if path is None:
             continue
@@ -249,6 +270,32 @@ def check_outputs(outputs: Mapping[str, Path | None], inputs: Iterable[str | Pat
         other = taken.setdefault(os.path.realpath(path), option)
         if other != option:
             raise InputError(f"{option} {path}: is {other}'s file too; expected another")
+    for option, path in outputs.items():
+        expected = SUFFIXES.get(option, ())
+        if path is None or not path.suffix or not expected or _is_stream(path):
+            continue
+        if path.suffix.lower() not in expected:
+            raise InputError(
+                f"{option} {shown_path(path)}: writes {expected[0][1:].upper()}; expected a name "
+                f"that ends in {expected[0]}"
+            )
+
+
+def _check_folder(folder: Path, read: Sequence[str | Path]) -> None:
+    """Raise if results cannot be written to a folder, or if there are files in it that are read."""
+    there = next(path for path in (folder, *folder.absolute().parents) if os.path.exists(path))
+    if not os.path.isdir(there):
+        raise InputError(
+            f"--out {shown_path(folder)}: {shown_path(there)} is a file; expected a folder"
+        )
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"--out {shown_path(folder)}: {shown_path(there)} cannot be written to")
+    for file in read:
+        if os.path.realpath(os.path.dirname(os.path.abspath(file))) == os.path.realpath(folder):
+            raise InputError(
+                f"--out {shown_path(folder)}: {shown_path(os.path.basename(file))} is read from "
+                "there; expected a folder of its own, so that nothing is overwritten"
+            )
 
 
 @contextmanager
@@ -390,6 +437,21 @@ def csv_text(rows: Iterable[Sequence[object]]) -> str:
     for row in rows:
         writer.writerow([f"'{v}" if isinstance(v, str) and FORMULA.match(v) else v for v in row])
     return stream.getvalue()
+
+
+def dataframe(columns: Mapping[str, object]):
+    """Columns of equal length as a ``pandas.DataFrame``.
+
+    Raises:
+        InputError: If pandas is not installed.
+    """
+    try:
+        import pandas
+    except ImportError:
+        raise InputError(
+            "to_dataframe needs pandas, which is not installed: pip install pandas"
+        ) from None
+    return pandas.DataFrame(dict(columns))
 
 
 def plain(value):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import takewhile
@@ -24,7 +25,8 @@ from fenics_joints.case.messages import case_error, describe, message
 from fenics_joints.case.starting import start_joints
 from fenics_joints.case.test import ChangedTest, FRFSection, Test, ValidationTest
 from fenics_joints.errors import InputError, Problems, located, raised
-from fenics_joints.files import is_file, read_toml, shown_path
+from fenics_joints.files import is_file, read_toml, shown_path, toml_value
+from fenics_joints.formatting import printable
 from fenics_joints.measurements import (
     MeasuredBackbone,
     MeasuredShapes,
@@ -40,11 +42,12 @@ from fenics_joints.measurements import (
 from fenics_joints.measurements.amplitude import test_by_level
 
 
-def load_case(path: str | Path, *, allow_code: bool = False) -> Case:
+def load_case(path: str | Path, *, changes: Sequence[str] = (), allow_code: bool = False) -> Case:
     """Read and check a case and its measured data. Needs no MPI.
 
     Args:
         path: The case file, or a folder with a ``case.toml``.
+        changes: Keys with other values than in the file, such as ``mesh.size=5 mm``.
         allow_code: Whether laws, effects and meshes that the case names as ``module:name`` may be
             of modules beside it, which run; otherwise these are of installed packages that declare
             them.
@@ -52,7 +55,7 @@ def load_case(path: str | Path, *, allow_code: bool = False) -> Case:
     Raises:
         InputError: Names the file and, for each error, the key, the value and what was expected.
     """
-    path, raw = read_case(path)
+    path, raw = read_case(path, changes)
     with own_code.reading(path.parent, allow_code):
         try:
             case = Case.model_validate(raw)
@@ -64,12 +67,49 @@ def load_case(path: str | Path, *, allow_code: bool = False) -> Case:
     return case
 
 
-def read_case(path: str | Path) -> tuple[Path, dict]:
+def read_case(path: str | Path, changes: Sequence[str] = ()) -> tuple[Path, dict]:
     """The case file that a path means, and what stands in it; raises InputError as `load_case`."""
     path = Path(path)
     if os.path.isdir(path):
         path = path / "case.toml"
-    return path, read_toml(path, "a case file or a folder with case.toml")
+    raw = read_toml(path, "a case file or a folder with case.toml")
+    for change in changes:
+        _change(raw, change)
+    return path, raw
+
+
+def _change(raw: dict, change: str) -> None:
+    """Give a key of a case the value behind the first "=", a text where it is no TOML.
+
+    Raises:
+        InputError: If it is no ``KEY=VALUE``, or the key leads through something without keys.
+    """
+    said = f"--set {printable(change)[:200]}: "
+    key, equals, text = change.partition("=")
+    found = toml_value(f"{key} = 0") if equals and change.isprintable() else None
+    if not isinstance(found, dict):
+        raise InputError(f"{said}expected KEY=VALUE, such as mesh.size='5 mm' or parts.beam.E=70e9")
+    names = []
+    while isinstance(found, dict):
+        ((name, found),) = found.items()
+        names.append(name)
+    value = toml_value(f"value = {text}")
+    value = value["value"] if isinstance(value, dict) and len(value) == 1 else text.strip()
+    inside: dict | list = raw
+    for depth, name in enumerate(names):
+        last = depth == len(names) - 1
+        if isinstance(inside, list) and name.isdecimal() and int(name) < len(inside):
+            at: str | int = int(name)
+        elif isinstance(inside, dict):
+            at = name
+            if not last:
+                inside.setdefault(name, {})
+        else:
+            raise InputError(f"{said}{'.'.join(names[:depth])} has no key {name!r}")
+        if last:
+            inside[at] = value  # type: ignore[index]
+        else:
+            inside = inside[at]  # type: ignore[index]
 
 
 def finish_case(case: Case, path: Path, raw: dict) -> list[str]:
@@ -384,14 +424,14 @@ class Examined:
     has_mesh: bool = True
 
 
-def examine_case(path: str | Path) -> Examined:
+def examine_case(path: str | Path, changes: Sequence[str] = ()) -> Examined:
     """Read a case as `load_case` does; what is wrong does not end it, as far as it can go on.
 
     A key that cannot be read is left out, then its section, then its table, so that all other
     sections, and the files that they name, are checked too. Needs no MPI.
     """
     try:
-        path, raw = read_case(path)
+        path, raw = read_case(path, changes)
     except InputError as error:
         return Examined(Path(path), None, (str(error),))
     try:

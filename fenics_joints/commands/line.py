@@ -4,12 +4,14 @@ an example for each command."""
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable
 
 import click
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
+from fenics_joints.commands.arguments import case_options
 from fenics_joints.progress import set_loudness
 
 #: What the help of each command shows, by the words that call it.
@@ -86,7 +88,7 @@ class _Command(_Plain, TyperCommand):
     def __init__(self, name, *, params=None, epilog=None, **settings):
         super().__init__(
             name,
-            params=[*(params or ()), *_how_much(), *_trust(params or ())],
+            params=[*(params or ()), *case_options(params or ()), *_how_much()],
             epilog=epilog or _examples(name),
             **settings,
         )
@@ -101,6 +103,23 @@ class _Group(_Plain, TyperGroup):
     def __init__(self, *, params=None, **settings):
         super().__init__(params=[*(params or ()), *_how_much()], **settings)
 
+    def main(self, *args, standalone_mode: bool = True, **settings):
+        """Run it; a wrong line ends as other errors do, with exit code 2."""
+        try:
+            code = super().main(*args, standalone_mode=False, **settings)
+        except click.ClickException as error:
+            code, ctx = error.exit_code, getattr(error, "ctx", None)
+            if type(error).__name__ == "NoArgsIsHelpError":  # since click 8.2
+                error.show()
+            else:
+                typer.echo(f"error: {_wrong(error)}", err=True)
+                if ctx is not None:
+                    typer.echo(f"Try '{ctx.command_path} -h' for help.", err=True)
+        except click.Abort:
+            typer.echo("stopped", err=True)
+            code = 1
+        sys.exit(code if isinstance(code, int) else 0)
+
     def resolve_command(self, ctx, args):
         name = args[0]
         if not name.startswith("-") and self.get_command(ctx, name) is None:
@@ -108,6 +127,15 @@ class _Group(_Plain, TyperGroup):
             meant = f" Did you mean {' or '.join(near)}?" if near else ""
             ctx.fail(f"No such command {name!r}.{meant}")
         return super().resolve_command(ctx, args)
+
+
+def _wrong(error: click.ClickException) -> str:
+    """What is wrong with a line, and what may have been meant."""
+    if isinstance(error, click.NoSuchOption):
+        near = " or ".join(list(error.possibilities or ())[:2])
+        return f"no such option: {error.option_name}{near and f'. Did you mean {near}?'}"
+    words = error.format_message()
+    return words[:1].lower() + words[1:]
 
 
 def _examples(name: str) -> str | None:
@@ -135,23 +163,6 @@ def _how_much() -> list[TyperOption]:
             **settings,
         ),
     ]
-
-
-def _trust(params: Sequence[click.Parameter]) -> list[TyperOption]:
-    """The option ``--allow-code`` of commands that read a case."""
-    if not any(param.name == "case" for param in params):
-        return []
-    words = "Run laws, effects and meshes that the case names, of modules beside it."
-    settings = {"is_flag": True, "default": False, "expose_value": False, "help": words}
-    return [TyperOption(param_decls=["--allow-code"], callback=_allow, **settings)]
-
-
-def _allow(ctx, param, wanted: bool) -> bool:
-    if wanted:
-        from fenics_joints.case.own_code import trust_cases
-
-        trust_cases()
-    return wanted
 
 
 def _sets(loudness: str) -> Callable:

@@ -15,7 +15,7 @@ from fenics_joints.case.notes import OF_MODEL
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import InputError
 from fenics_joints.files import plain, shown_path
-from fenics_joints.formatting import MISSING, extents, hertz, percent
+from fenics_joints.formatting import MISSING, extents, hertz, length_mm, percent
 from fenics_joints.measurements.gap import UNLIKE, VISIBLE, mac, pair_modes, partnered, rms
 from fenics_joints.meshes import Ring
 from fenics_joints.modal.modes import Modes, check_meshed, solve_modes, write_shapes
@@ -23,16 +23,19 @@ from fenics_joints.preload import LinearJoint, solve_preload, status_conditions,
 from fenics_joints.progress import Progress
 from fenics_joints.report import document as doc
 from fenics_joints.report.mesh_pictures import (
+    MeasuredModes,
     Shape,
     largest_axis,
-    measured_arrows,
     sensor_shapes,
     shapes_view,
 )
 from fenics_joints.report.tables import mac_table
 from fenics_joints.structure.grids import check_fields_path
 from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.structure import Structure
 
+#: Modes of the model in the view, at most: those of the test first. Chosen for the page's size.
+_VIEWED = 16
 #: Rows of each table on the terminal, so that the document fits on a screen.
 _MODES, _RINGS, _PAIRS = 20, 12, 8
 
@@ -265,7 +268,7 @@ class ModeList:
         if visible is None:
             elastic = ["elastic"] * (len(self.modes) - n_rigid)
         else:
-            elastic = [f"{'' if s else 'not '}seen by the test" for s in visible[n_rigid:]]
+            elastic = [f"{'' if s else 'not '}visible to the test" for s in visible[n_rigid:]]
         return ["rigid body"] * n_rigid + elastic
 
 
@@ -322,7 +325,7 @@ def run_modes(
         notes, beside = (*notes, beside), None
     elif beside is not None and beside.alone:
         why = "frequency" if beside.mac is None else "shape"
-        note = f"left out of the error, since no mode of the model has this {why}; {UNLIKE}"
+        note = f"left out of the error: no mode of the model has this {why}; {UNLIKE}"
         notes = (*notes, f"{', '.join(beside.alone)}: {note}")
     written = ()
     if fields is not None:
@@ -351,8 +354,8 @@ def _unused(case: Case, state: str) -> list[str]:
         return []
     given = " and ".join(f"[{t}]" for t in ("loads", "displacements") if getattr(case, t))
     return [
-        f"{OF_MODEL}contacts are stuck all over, whatever {given} do to them; faces that are moved "
-        "are held; with --contacts preload it counts how far they are moved and pressed"
+        f"{OF_MODEL}contacts are stuck everywhere and {given} have no effect, except that "
+        "displaced faces are held; --contacts preload takes displacements and forces into account"
     ]
 
 
@@ -377,14 +380,14 @@ def modes_document(result: ModeList, n_shapes: int | None = 6) -> doc.Document:
         ("elastic", len(kinds) - n_rigid, "elastic modes"),
     ]
     if visible is not None:
-        keys.append(("visible", int(np.sum(visible)), "of them the test could see"))
+        keys.append(("visible", int(np.sum(visible)), "of them visible to the test"))
     if result.rings:
         keys.append(("rings", len(result.rings), "bolts' rings"))
     modes = doc.Table.of(
         doc.records(mode=range(1, len(kinds) + 1), frequency_hz=result.frequencies_hz, kind=kinds),
-        "mode: >mode | frequency_hz: >frequency, Hz | kind: what it is",
-        style=lambda row: "dim" if row["kind"] in ("rigid body", "not seen by the test") else "",
-        caption="Modes that the test could see move at its points in the directions they measure"
+        "mode: >mode | frequency_hz: >frequency, Hz | kind: type",
+        style=lambda row: "dim" if row["kind"] in ("rigid body", "not visible to the test") else "",
+        caption="Modes visible to the test move its sensors in their directions of measurement"
         if visible is not None
         else "In ascending order",
         id="modes",
@@ -392,13 +395,13 @@ def modes_document(result: ModeList, n_shapes: int | None = 6) -> doc.Document:
     )
     return doc.Document(
         result.case.name,
-        "modes of the nominal model",
-        "Natural frequencies and mode shapes of the nominal model",
+        "modes of the baseline model",
+        "Natural frequencies and mode shapes of the baseline model",
         [
             doc.Keys(keys),
-            doc.Remarks("Of the test", [labelled(note) for note in result.notes]),
+            doc.Remarks("Notes", [labelled(note) for note in result.notes]),
             *([] if result.beside is None else _pairs(result.beside)),
-            doc.OnPage(lambda: _pictures(result, n_shapes)),
+            doc.OnPage(lambda: _shapes(result, n_shapes)),
             doc.Heading("All modes"),
             modes,
             *([doc.Heading("Bolts' rings"), _rings(result)] if result.rings else []),
@@ -413,7 +416,7 @@ def _rings(result: ModeList) -> doc.Table:
     rows = [
         {
             **row,
-            "centre_mm": ", ".join(f"{round(1e3 * c, 1) + 0.0:.1f}" for c in row["centre_m"]),
+            "centre_mm": ", ".join(length_mm(c, max(result.size_m)) for c in row["centre_m"]),
             "thickness_mm": 1e3 * row["thickness_m"],
             "radii_mm": f"{1e3 * row['r_nei_m']:.3g} to {1e3 * row['r_wai_m']:.3g}",
             "between": ", ".join(row["parts"]),
@@ -449,71 +452,105 @@ def _pairs(beside: ComparedModes) -> list:
     columns += "error_percent: >error" + " | mac: >MAC" * (beside.mac is not None)
     table = doc.Table.of(rows, columns, write=_written, id="pairs", most=_PAIRS)
     blocks = [
-        doc.Heading("Beside the test", "test"),
+        doc.Heading("Comparison with the test", "test"),
         doc.Text(f"Test{at}: {error}.", "bold"),
         table,
     ]
-    if beside.matrix is not None:
-        caption = "Modal assurance criterion, test by model's modes that it could see"
-        modes = (beside.candidates + 1).tolist()
-        blocks.append(doc.OnPage([mac_table(beside.matrix, beside.names, modes, caption, "mac")]))
     return blocks
 
 
-def _pictures(result: ModeList, n_shapes: int | None) -> list | None:
-    """Shapes of some modes, and measured shapes beside them. Collective."""
+def _shapes(result: ModeList, n_shapes: int | None) -> list | None:
+    """The MAC, and shapes of some modes with the measured ones. Collective."""
     modes, visible, beside = result.modes, result.visible, result.beside
     elastic = np.arange(len(modes)) >= modes.n_rigid
     partners = {}
     if beside is not None:
         partners = {int(beside.index[j]): int(j) for j in np.flatnonzero(beside.partnered)}
     shown = elastic if visible is None or n_shapes is None else visible
-    lowest = np.flatnonzero(shown).tolist()
-    wanted = sorted(list(dict.fromkeys([*partners, *lowest]))[:n_shapes])
-    vertices, motions = modes.model.corner_motion([modes.vector(i) for i in wanted])
+    order = list(dict.fromkeys([*partners, *np.flatnonzero(shown).tolist()]))
+    stills = sorted(order[:n_shapes])
+    viewed = stills + sorted(order[len(stills) : _VIEWED])
+    vertices, motions = modes.model.corner_motion([modes.vector(i) for i in viewed])
+    sensors, parts = result.case.sensors(), _parts(modes.model)
     measured = beside is not None and beside.sensors is not None
     measured = measured and beside.sensors.points.shape[1] == 3
     seen = modes.at(beside.sensors) if measured else None
+    blocks: list = []
+    if beside is not None and beside.matrix is not None:
+        caption = "Modal assurance criterion: modes of the test by visible modes of the model"
+        columns, drawn = (beside.candidates + 1).tolist(), [i + 1 for i in viewed if measured]
+        if measured:
+            caption += "; click a value to see both shapes"
+        blocks.append(mac_table(beside.matrix, beside.names, columns, caption, "mac", drawn))
     if not len(vertices):
         return None
-    if not wanted:
-        return []
-    sensors, own = result.case.sensors(), result.case.shapes()
-    lines = () if own is None else own.lines
-    shapes, pairs = [], []
-    for i, motion in zip(wanted, motions, strict=True):
-        title, more = f"mode {i + 1}, {hertz(float(result.frequencies_hz[i]))} Hz", {}
-        if measured and i in partners:
-            j = partners[i]
-            name, alike = beside.names[j], f"MAC {beside.mac[j]:.3f}"
-            test, model, mode = beside.test_shapes[:, j], beside.model_shapes[:, j], seen[:, i]
-            alt = f"Arrows of {name} of the test and of mode {i + 1} at the sensors."
-            drawn = sensor_shapes(vertices, beside.sensors, test, model, f"pair{i}", alt, lines)
-            pairs.append(doc.Figure(drawn, f"{name} beside mode {i + 1}, {alike}"))
-            if factor := float(model @ mode) / max(float(mode @ mode), 1e-300):
-                more["arrows"] = measured_arrows(beside.sensors, test / factor, mode)
-                note = "of the test beside it, in the scale that brings both nearest"
-                more["note"] = f"{name} {note}; {alike}."
-        shapes.append(Shape(title, motion, _mean_direction(sensors, motion), **more))
+    if not viewed:
+        return blocks
+    shapes = [
+        Shape(
+            f"mode {i + 1}, {hertz(float(result.frequencies_hz[i]))} Hz",
+            motion,
+            _mean_direction(sensors, motion),
+            None if seen is None else seen[:, i],
+            partners.get(i),
+        )
+        for i, motion in zip(viewed, motions, strict=True)
+    ]
     along = "axis of the largest motion" if sensors is None else "test's direction of measurement"
-    still: list = [
+    more: list = [
         doc.Text(
             f"Colour: motion along the {along}, red one way, blue the other, white none. Motion is "
             "enlarged; its scale is arbitrary.",
             "note",
         )
     ]
-    if pairs:
-        still += [
-            doc.Heading("Measured shapes beside the model's", level=3),
-            doc.Beside("shapes", pairs),
-            doc.Text(
-                "Arrows at the sensors: thin and blue what the test measured, thick and orange the "
-                "model, in the scale that brings both nearest.",
-                "note",
-            ),
-        ]
-    return [doc.Heading("Mode shapes"), shapes_view(vertices, shapes, len(shapes), still)]
+    tests = None
+    if measured:
+        tests = MeasuredModes(beside.names, beside.sensors, beside.test_shapes)
+        more += _measured_stills(result, vertices, [i for i in stills if i in partners], partners)
+    view = shapes_view(vertices, shapes, len(stills), more, measured=tests, parts=parts)
+    return [*blocks, doc.Heading("Mode shapes"), view]
+
+
+def _measured_stills(
+    result: ModeList, vertices: np.ndarray, wanted: list[int], partners: dict[int, int]
+) -> list:
+    """Pictures of measured shapes beside the model's."""
+    beside, own = result.beside, result.case.shapes()
+    lines = () if own is None else own.lines
+    pairs = []
+    for i in wanted:
+        j = partners[i]
+        test, model = beside.test_shapes[:, j], beside.model_shapes[:, j]
+        alt = f"Arrows of {beside.names[j]} of the test and of mode {i + 1} at the sensors."
+        drawn = sensor_shapes(vertices, beside.sensors, test, model, f"pair{i}", alt, lines)
+        caption = f"{beside.names[j]} beside mode {i + 1}, MAC {beside.mac[j]:.3f}"
+        pairs.append(doc.Figure(drawn, caption))
+    if not pairs:
+        return []
+    words = (
+        "Arrows at the sensors: thin and blue what the test measured, thick and orange the "
+        "model, in the scale that brings both nearest."
+    )
+    heading = doc.Heading("Measured and computed shapes", level=3)
+    return [heading, doc.Beside("shapes", pairs), doc.Text(words, "note")]
+
+
+def _parts(model) -> tuple[list[str], np.ndarray] | None:
+    """Names of a structure's parts, and the part of each cell as of `corner_motion`. Collective.
+
+    None on ranks other than 0, and where the model has no cells or one part.
+    """
+    structure = model.structure if isinstance(model, LinearJoint) else model
+    if not isinstance(structure, Structure):
+        return None
+    regions = structure.comm.gather(structure.cell_regions())
+    if regions is None:
+        return None
+    number = np.concatenate(regions)
+    there, level = np.unique(number, return_inverse=True)
+    names = [structure.regions[k].name if k >= 0 else "rest" for k in there]
+    return (names, level) if len(names) > 1 else None
 
 
 def _mean_direction(sensors: Sensors | None, motion: np.ndarray) -> np.ndarray:

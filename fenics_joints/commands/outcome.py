@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from fenics_joints.report.document import Document
+    from fenics_joints.report.html import Page
 
 Result = TypeVar("Result")
 
@@ -36,13 +37,13 @@ class Outcome(Generic[Result]):
         """The content of the JSON file. Called on every rank."""
         return self.document.data()
 
-    def page(self, notes: Sequence[str] = ()) -> str:
-        """The page, with what is unusual in the case; empty where none is made. Collective."""
+    def page(self, notes: Sequence[str] = ()) -> Page:
+        """The page, with what is unusual in the case. Collective."""
         from fenics_joints.report.document import OnPage, Remarks
-        from fenics_joints.report.html import as_page
+        from fenics_joints.report.html import Page
 
         unusual = OnPage([Remarks("Unusual in the case", notes, id="unusual")])
-        return as_page(replace(self.document, blocks=[unusual, *self.document.blocks]))
+        return Page.of(replace(self.document, blocks=[unusual, *self.document.blocks]))
 
     def summary(self, console: Console) -> None:
         """Print it on one screen. Called on rank 0."""

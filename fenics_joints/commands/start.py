@@ -11,10 +11,8 @@ import typer
 
 from fenics_joints.commands.arguments import (
     CaseArgument,
+    CaseOptions,
     DebugOption,
-    JsonOption,
-    LargeOption,
-    ReportOption,
     file_option,
     named_path,
     tell,
@@ -23,6 +21,9 @@ from fenics_joints.commands.arguments import (
 if TYPE_CHECKING:
     from fenics_joints.commands.outcome import Outcome
     from fenics_joints.progress import Progress
+
+#: Of the keys of the JSON files: one more whenever a key goes or changes its meaning.
+RESULTS_VERSION = 1
 
 
 def new(
@@ -47,7 +48,7 @@ def new(
     ] = None,
     beams: Annotated[bool, typer.Option("--beams", help="Lapped beams, without a mesh.")] = False,
     builder: Annotated[
-        str | None, typer.Option("--builder", metavar="NAME", help="Such as half_lap_beam.")
+        str | None, typer.Option("--builder", metavar="NAME", help="A builder, such as half_lap_beam.")
     ] = None,
     frequencies: Annotated[
         Path | None, file_option("--frequencies", "A table with a column for each mode.")
@@ -56,14 +57,14 @@ def new(
         Path | None, file_option("--shapes", "Mode shapes: a universal file, or a table.")
     ] = None,
     frfs: Annotated[
-        list[Path] | None, file_option("--frfs", "Measured functions; may be given several times.")
+        list[Path] | None, file_option("--frfs", "Measured FRFs; may be given several times.")
     ] = None,
     time: Annotated[
         list[Path] | None,
         file_option("--time", "Time records of forces and responses; several times."),
     ] = None,
     uff: Annotated[
-        list[Path] | None, file_option("--uff", "Universal files of shapes or functions.")
+        list[Path] | None, file_option("--uff", "Universal files of shapes or FRFs.")
     ] = None,
     amplitude: Annotated[
         list[Path] | None,
@@ -86,14 +87,14 @@ def new(
         ),
     ] = False,
     yes: Annotated[
-        bool, typer.Option("--yes", help='Ask nothing: guesses stand in the case with a "?".')
+        bool, typer.Option("--yes", help='Ask nothing: guesses are marked in the case by a "?".')
     ] = False,
     debug: DebugOption = False,
 ) -> None:
-    """Write a case from the files of a test lab, with all that they say and comments on guesses.
+    """Write a case from the files of a test lab, with comments where a value is a guess.
 
-    Solids or groups, what touches, holes and bolts with their thread, sensors, modes and units.
-    Files in FOLDER or beside it are referred to, others copied. Then it is checked.
+    It finds solids or groups, touching faces, holes and bolts with their thread, sensors, modes
+    and units. Files in FOLDER or beside it are referred to, others copied. Then it is checked.
     """
     from fenics_joints.parallel import guarded
 
@@ -141,7 +142,7 @@ def _prompt(question: str, answer: str, check) -> str:
         try:
             said = str(typer.prompt(question, default=answer)).strip()
         except typer.Abort:
-            raise InputError("no answer, so no case; --yes takes what is guessed") from None
+            raise InputError("no answer, so no case; --yes takes the guesses") from None
         try:
             check(said)
         except ValueError as error:  # an InputError is one
@@ -150,47 +151,40 @@ def _prompt(question: str, answer: str, check) -> str:
             return said
 
 
-def check(
-    case: CaseArgument,
-    json: JsonOption = None,
-    report: ReportOption = None,
-    large: LargeOption = False,
-    debug: DebugOption = False,
-) -> None:
+def check(case: CaseArgument) -> None:
     """All errors and unlikely values of a case, at once and in seconds.
 
-    Masses by part and in all, places of sensors and bolts, what each command takes. The nominal
-    model's modes are solved, on a coarser mesh if it is large, and compared with the test: wrong
-    units, exchanged modes, dead sensors are reported. Fails on errors; unlikely values are notes.
-
-    JSON: errors and notes in sentences, masses (name, kind, kg, weighed_kg), mass_kg, places (kind,
-    name, at_m, direction, off_mm), bolts, test and solved in words, size_m, dofs, costs (command,
-    seconds, bytes).
+    Masses by part and in all, places of sensors and bolts, time and memory of each command. Modes
+    of the baseline model are solved, on a coarser mesh if it is large, and compared with the test:
+    wrong units, exchanged modes, dead sensors are reported. Fails on errors; unlikely values are
+    notes.
     """
     from fenics_joints.parallel import guarded
 
-    with guarded(debug):
+    given = CaseOptions.given()
+    with guarded(given.debug):
         from mpi4py import MPI
 
         from fenics_joints.commands.check.run import run_check
+        from fenics_joints.commands.provenance import provenance
         from fenics_joints.files import check_outputs
         from fenics_joints.parallel import on_root
         from fenics_joints.progress import Progress
 
         comm = MPI.COMM_WORLD
-        outputs = {"--json": json, "--report": report}
-        on_root(comm, lambda: check_outputs(outputs))
+        on_root(comm, lambda: check_outputs(given.outputs(), folder=given.out))
         with Progress(silent=comm.rank != 0) as progress:
-            outcome = run_check(case, comm, progress, large=large)
+            outcome = run_check(case, comm, progress, large=given.large, changes=given.changes)
             found = outcome.result
             files = [found.path] if found.case is None else found.case.files()
-            on_root(comm, lambda: check_outputs(outputs, files))
-            finish = prepared(comm, outcome, outputs, progress)
+            on_root(comm, lambda: check_outputs(given.outputs(), files, given.out))
+            run = provenance(comm, found.case, given.changes)
+            finish = written(comm, "check", outcome, given, progress, run)
         finish()
 
 
 def schema(debug: DebugOption = False) -> None:
-    """The JSON schema of a case file, for editors that complete and check what is typed.
+    """The JSON schema of a case file, for editors that complete and check the file.
 
     Put it into a file, and name that in the first line of case.toml: #:schema case.schema.json
     """
@@ -203,40 +197,69 @@ def schema(debug: DebugOption = False) -> None:
         typer.echo(json_text(case_schema()), nl=False)
 
 
-def prepared(
+def written(
     comm,
+    command: str,
     outcome: Outcome,
-    outputs: Mapping[str, Path | None],
+    given: CaseOptions,
     progress: Progress,
+    run: Mapping[str, object],
     notes: Sequence[str] = (),
 ) -> Callable[[], None]:
-    """Make what the files of ``--json`` and ``--report`` get, with what is unusual in the case.
+    """Make what the files of ``--json``, ``--report`` and ``--out`` get. Collective.
+
+    Args:
+        comm: Communicator.
+        command: Its name.
+        outcome: Its outcome.
+        given: Which files are wanted.
+        progress: Told what is being done.
+        run: What the result comes from, see `provenance`.
+        notes: What is unusual in the case.
 
     Returns:
         What writes the files and shows the outcome, once no progress is shown any more; then it
         fails, where the outcome says that it is none.
     """
     from fenics_joints.errors import ConvergenceError
-    from fenics_joints.files import json_text, shown_path, write_text
+    from fenics_joints.files import json_text, shown_path, writable_folder, write_text
     from fenics_joints.parallel import on_root
 
+    folder, formats = given.out, () if given.out is None else given.formats
     contents: list[tuple[Path, str]] = []
-    if (path := outputs["--json"]) is not None:
+    wanted = {"json": [given.json], "html": [given.report]}
+    for format, paths in wanted.items():
+        paths += [folder / f"{command}.{format}"] if folder and format in formats else []
+    if paths := [path for path in wanted["json"] if path is not None]:
         made = outcome.json()
         said = dict.fromkeys([*notes, *made.get("notes", ())])
-        contents.append((path, json_text({**made, "notes": list(said)})))
-    if (path := outputs["--report"]) is not None:
+        head = {"schema": f"fenics-joints {command} {RESULTS_VERSION}", "run": run}
+        text = json_text({**head, **made, "notes": list(said)})
+        contents += [(path, text) for path in paths]
+    pages = [path for path in wanted["html"] if path is not None]
+    if pages or "csv" in formats:
         progress.step("writing the report")
-        contents.append((path, outcome.page(notes)))
+        page = outcome.page(notes)
+        text = page.html(run) if pages else ""
+        contents += [(path, text) for path in pages]
+        if folder and "csv" in formats:
+            tables = page.tables()
+            contents += [(folder / f"{command}_{k}.csv", t.to_csv()) for k, t in tables.items()]
 
     def write() -> None:
         from fenics_joints.report.terminal import new_console
 
+        if folder is not None:
+            writable_folder(folder, "--out")
         for path, text in contents:
             write_text(path, text)
         outcome.summary(new_console())
+        tables = sum(path.suffix == ".csv" for path, _ in contents)
         for path, _ in contents:
-            tell(f"wrote {shown_path(path)}")
+            if path.suffix != ".csv":
+                tell(f"wrote {shown_path(path)}")
+        if tables:
+            tell(f"wrote {tables} tables to {shown_path(folder)}/{command}_*.csv")
 
     def finish() -> None:
         on_root(comm, write)

@@ -11,6 +11,7 @@ is made; a terminal needs none of them.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -18,9 +19,11 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
-from fenics_joints.files import csv_text, plain
+from fenics_joints.files import csv_text, dataframe, plain
 from fenics_joints.formatting import MISSING, hertz, number, percent, quantity
 
+#: Characters of the longest name of a table's file; chosen.
+_LONGEST = 40
 #: Units by the last part of a key, as they are written.
 _UNITS = {"m": "m", "n": "N", "pa": "Pa", "j": "J", "kg": "kg"}
 
@@ -37,6 +40,8 @@ class Cell:
         indent: Columns that the terminal moves it to the right.
         share: Length of a bar, from 0 to 1, that stands there instead of a text; None without.
         value: Value in the CSV file; None for the text.
+        pair: Places of a measured shape and of one of the page's view, with a comma between them,
+            which a click shows; empty for none.
     """
 
     text: str = ""
@@ -46,6 +51,7 @@ class Cell:
     indent: int = 0
     share: float | None = None
     value: object = None
+    pair: str = ""
 
 
 def bar(share: float) -> Cell:
@@ -146,12 +152,53 @@ class Table:
 
     def to_csv(self) -> str:
         """The rows as CSV: the records' values below their keys, or the texts of the cells."""
-        rows = [[c.text if c.value is None else c.value for c in row.cells] for row in self.rows]
+        rows = [[_value(row, i) for i in range(len(row.cells))] for row in self.rows]
         return csv_text([self.keys, *rows])
+
+    def to_dataframe(self):
+        """The rows as a ``pandas.DataFrame``: as `to_csv`, with numbers and without apostrophes.
+
+        Raises:
+            InputError: If pandas is not installed.
+        """
+        return dataframe(
+            {key: [_value(row, i) for row in self.rows] for i, key in enumerate(self.keys)}
+        )
 
     def csv_link(self) -> str:
         """The CSV as the address of a link on a page."""
         return f"data:text/csv;charset=utf-8,{quote(self.to_csv().encode('utf-8', 'replace'))}"
+
+
+def _value(row: Row, i: int) -> object:
+    """Value of a row's cell; None behind its last one."""
+    if i >= len(row.cells):
+        return None
+    cell = row.cells[i]
+    if cell.value is None:
+        return cell.text if cell.share is None else cell.share
+    return cell.value
+
+
+def named_tables(blocks: Sequence[object]) -> dict[str, Table]:
+    """All tables with rows in some blocks and in those inside them, by unique names for files."""
+    found: dict[str, Table] = {}
+    for block in blocks:
+        inside = getattr(block, "blocks", ())
+        for table in [block] if isinstance(block, Table) else _inside(inside):
+            if table.rows and not any(table is other for other in found.values()):
+                words = re.sub(r"\W+", "_", table.id or table.caption or table.names[0]).strip("_")
+                name = words.lower()[:_LONGEST].strip("_") or "table"
+                n = sum(
+                    re.fullmatch(rf"{re.escape(name)}(_\d+)?", other) is not None for other in found
+                )
+                found[f"{name}_{n + 1}" if n else name] = table
+    return found
+
+
+def _inside(blocks: object) -> list[Table]:
+    """Tables of blocks that are there already."""
+    return [] if callable(blocks) else list(named_tables(blocks).values())
 
 
 def records(**columns: Sequence) -> list[dict[str, object]]:
@@ -296,10 +343,17 @@ class Beside:
 
 @dataclass(frozen=True)
 class View:
-    """A `view.scene` on the page, or None; and blocks in its place on paper."""
+    """What the page's script draws, or None; and blocks in its place on paper.
+
+    Attributes:
+        view: A `view.scene`, or the curves of `chart.curve_chart`.
+        blocks: In its place.
+        kind: ``view`` or ``chart``.
+    """
 
     view: Markup | None
     blocks: Sequence[object] = ()
+    kind: str = "view"
 
 
 @dataclass(frozen=True)

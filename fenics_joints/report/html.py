@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -12,34 +14,78 @@ import jinja2
 from markupsafe import Markup
 
 import fenics_joints
-from fenics_joints.report.document import Document, OnPage, OnTerminal, View
+from fenics_joints.report.document import Document, OnPage, OnTerminal, Table, View, named_tables
 
-#: Templates, and what draws a view, in this order.
 TEMPLATES = Path(__file__).parent / "templates"
-_SCRIPTS = ("viewer_shapes.js", "viewer.js")
+#: Scripts of every page, and those of the kinds of views.
+_SCRIPTS = {
+    "": ("page.js",),
+    "view": ("viewer_shapes.js", "viewer_export.js", "viewer.js"),
+    "chart": ("charts/chart.umd.min.js", "charts/chartjs-plugin-zoom.min.js", "chart.js"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """A document with what is made for its page.
+
+    Attributes:
+        document: The document.
+        blocks: Its blocks on the page; None on ranks that make none.
+    """
+
+    document: Document
+    blocks: Sequence[object] | None
+
+    def __repr__(self) -> str:
+        return f"Page({self.document.title!r}, {len(self.blocks or ())} blocks)"
+
+    @classmethod
+    def of(cls, document: Document) -> Page:
+        """The page of a document. Collective where its pictures are."""
+        return cls(document, _on_page(document.blocks))
+
+    def tables(self) -> dict[str, Table]:
+        """All tables of the document by the names of their files, without ``.csv``."""
+        return named_tables([*(self.blocks or ()), *self.document.blocks])
+
+    def html(self, run: Mapping[str, object] | None = None) -> str:
+        """The page as HTML; empty on ranks that make none.
+
+        Args:
+            run: What the result comes from, see `fenics_joints.commands.provenance`.
+        """
+        if self.blocks is None:
+            return ""
+        environment = jinja2.Environment(
+            loader=jinja2.FileSystemLoader(TEMPLATES),
+            autoescape=True,
+            trim_blocks=True,
+            lstrip_blocks=True,
+            undefined=jinja2.StrictUndefined,
+        )
+        script, policy = _script(_kinds(self.blocks))
+        return environment.get_template("document.html").render(
+            document=self.document,
+            blocks=self.blocks,
+            version=fenics_joints.__version__,
+            run=run or {},
+            paper=_on_paper(self.document.title, run or {}),
+            script=script,
+            policy=policy,
+            files={table: name for name, table in self.tables().items()},
+        )
+
+
+def _on_paper(title: str, run: Mapping[str, object]) -> str:
+    """What stands below each printed page, as a text of CSS in which nothing ends it."""
+    words = re.sub(r"[^\w .,:()+-]", " ", f"{title[:60]}, {str(run.get('date', ''))[:10]}")
+    return f"{words}, fenics_joints {fenics_joints.__version__}"
 
 
 def as_page(document: Document) -> str:
     """A document as a page; empty on ranks that make none. Collective where its pictures are."""
-    blocks = _on_page(document.blocks)
-    if blocks is None:
-        return ""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    script, policy = _script()
-    return environment.get_template("document.html").render(
-        document=document,
-        blocks=blocks,
-        view=any(isinstance(b, View) and b.view for b in blocks),
-        version=fenics_joints.__version__,
-        script=script,
-        policy=policy,
-    )
+    return Page.of(document).html()
 
 
 def _on_page(blocks: Sequence[object]) -> list[object] | None:
@@ -55,9 +101,20 @@ def _on_page(blocks: Sequence[object]) -> list[object] | None:
     return None if missing else found
 
 
+def _kinds(blocks: Sequence[object]) -> tuple[str, ...]:
+    """Kinds of the views among blocks and inside them."""
+    found = {""}
+    for block in blocks:
+        if isinstance(block, View) and block.view:
+            found.add(block.kind)
+        found.update(_kinds(getattr(block, "blocks", ())))
+    return tuple(kind for kind in _SCRIPTS if kind in found)
+
+
 @cache
-def _script() -> tuple[Markup, str]:
-    """The script of pages with a view, and the one policy that lets nothing else run."""
-    text = "".join((TEMPLATES / name).read_text("utf-8") for name in _SCRIPTS)
+def _script(kinds: tuple[str, ...]) -> tuple[Markup, str]:
+    """The script of a page, and the one policy that lets nothing else run."""
+    names = [name for kind in kinds for name in _SCRIPTS[kind]]
+    text = "\n;".join((TEMPLATES / name).read_text("utf-8") for name in names)
     key = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
     return Markup(text), f"script-src 'sha256-{key}'"

@@ -10,11 +10,13 @@ from matplotlib import colormaps
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 
+from fenics_joints.measurements.gap import mac
 from fenics_joints.report import geometry
 from fenics_joints.report.document import Beside, Figure, View
 from fenics_joints.report.style import drawing, to_svg
 from fenics_joints.report.surface import Surface, surface
 from fenics_joints.report.view import Arrows, Colours, SurfaceView, scene
+from fenics_joints.structure.points import Sensors
 
 #: Red to blue through near white, which all kinds of colour vision tell apart.
 diverging = colormaps["RdBu_r"]
@@ -131,19 +133,47 @@ class Shape:
         title: Such as ``mode 7, 123.40 Hz``.
         motion: How the corners of all cells move, any scale, (n_cells, n_corners, 3).
         way: Direction that is coloured, (3,).
-        arrows: The measured shape, see `measured_arrows`.
-        note: A sentence below the view.
+        at_sensors: The same motion at the sensors of the measured shapes, (k,); None without any.
+        match: Which measured shape it belongs to; None for none.
     """
 
     title: str
     motion: np.ndarray
     way: np.ndarray
-    arrows: Sequence[Arrows] = ()
-    note: str = "Motion is enlarged; its scale is arbitrary."
+    at_sensors: np.ndarray | None = None
+    match: int | None = None
+
+
+@dataclass(frozen=True, repr=False)
+class MeasuredModes:
+    """Shapes that a test measured, to see them at the model's.
+
+    Attributes:
+        names: Of the modes, m of them.
+        sensors: Where and in which direction, `fenics_joints.structure.Sensors`, k of them.
+        shapes: Components, (k, m), nan where a sensor was missing.
+    """
+
+    names: Sequence[str]
+    sensors: Sensors
+    shapes: np.ndarray
+
+    def scales(self, model: np.ndarray) -> list[float]:
+        """What brings each shape to the length and sign of a model's at the sensors, (k,)."""
+        known, there = np.nan_to_num(self.shapes), ~np.isnan(self.shapes)
+        size = np.maximum(np.sum(known**2, axis=0), 1e-300)
+        length = np.sqrt(np.sum(there * model[:, None] ** 2, axis=0) / size)
+        return (length * np.where(known.T @ model < 0, -1.0, 1.0)).tolist()
 
 
 def shapes_view(
-    vertices: np.ndarray, shapes: Sequence[Shape], stills: int, more: Sequence[object] = ()
+    vertices: np.ndarray,
+    shapes: Sequence[Shape],
+    stills: int,
+    more: Sequence[object] = (),
+    *,
+    measured: MeasuredModes | None = None,
+    parts: tuple[Sequence[str], np.ndarray] | None = None,
 ) -> View:
     """Mode shapes to turn and to play; for paper, pictures of the first ones.
 
@@ -152,32 +182,47 @@ def shapes_view(
         shapes: The shapes.
         stills: How many have a picture.
         more: Blocks below the pictures.
+        measured: Measured shapes to see beside each of the model's.
+        parts: Names of parts, and the number of the part of each cell, (n_cells,); None for one.
     """
 
     def looks(s: Surface) -> list[SurfaceView]:
-        return [
-            SurfaceView(
-                shape.title,
-                Colours(
-                    diverging, "one way", "the other", f"motion along {_direction_words(shape.way)}"
-                ),
-                motion=shape.motion.reshape(-1, 3)[s.pick],
-                way=shape.way,
-                arrows=shape.arrows,
-                note=shape.note,
-            )
-            for shape in shapes
-        ]
+        return [_look(shape, s, measured) for shape in shapes]
 
-    whole = surface(vertices, motions=[shape.motion for shape in shapes])
-    names = ", ".join(shape.title for shape in shapes)
+    names, level = parts or ((), None)
+    whole = surface(vertices, level=level, motions=[shape.motion for shape in shapes])
     figures = []
     for k, shape in enumerate(shapes[:stills]):
         alt = f"Mode shape of {shape.title}, coloured by its motion along {shape.way.tolist()}."
         drawn = mode_shape(vertices, shape.motion, shape.way, f"shape{k}", alt)
         figures.append(Figure(drawn, shape.title))
-    view = scene(whole, looks, f"Mode shapes in three dimensions: {names}.")
+    words = ", ".join(shape.title for shape in shapes)
+    tests: list[Arrows] = []
+    if measured is not None:
+        look = {"colour": _TEST_VIEW, "ball": True}
+        for name, values in zip(measured.names, measured.shapes.T, strict=True):
+            tests.append(sensor_arrows(name, measured.sensors, values, **look))
+    name = f"Mode shapes in three dimensions: {words}."
+    view = scene(whole, looks, name, parts=names, tests=tests)
     return View(view, [Beside("shapes", figures), *more])
+
+
+def _look(shape: Shape, s: Surface, measured: MeasuredModes | None) -> SurfaceView:
+    more: dict[str, object] = {}
+    if measured is not None and shape.at_sensors is not None:
+        model = np.asarray(shape.at_sensors, dtype=float)
+        arrows = sensor_arrows("model at the sensors", measured.sensors, model, _MODEL_VIEW)
+        more = {"arrows": [arrows], "match": shape.match, "scales": measured.scales(model)}
+        more["mac"] = mac(measured.shapes, model[:, None])[:, 0].tolist()
+    words = f"motion along {_direction_words(shape.way)}"
+    return SurfaceView(
+        shape.title,
+        Colours(diverging, "one way", "the other", words),
+        motion=shape.motion.reshape(-1, 3)[s.pick],
+        way=shape.way,
+        note="Motion is enlarged; its scale is arbitrary.",
+        **more,  # type: ignore[arg-type]
+    )
 
 
 def largest_axis(motion: np.ndarray) -> np.ndarray:
@@ -192,23 +237,19 @@ def _direction_words(way: np.ndarray) -> str:
     return f"({', '.join(f'{c:.2g}' for c in way)})"
 
 
-def measured_arrows(sensors, test: np.ndarray, model: np.ndarray) -> tuple[Arrows, Arrows]:
-    """Arrows of a mode at the sensors: as measured, and of the model.
-
-    Sensors at one point that measure in several directions have one arrow.
+def sensor_arrows(
+    name: str, sensors: Sensors, values: np.ndarray, colour: str, ball: bool = False
+) -> Arrows:
+    """Arrows of a mode at the sensors; those at one point in several directions have one arrow.
 
     Args:
+        name: Whose they are.
         sensors: Points and directions, k of them.
-        test: Measured components, (k,), nan where a sensor was missing; in the model's scale.
-        model: The model's, (k,).
+        values: Components, (k,), nan where a sensor was missing.
+        colour: Of CSS.
+        ball: Whether they end in a ball instead of a tip.
     """
     points, place = np.unique(np.round(sensors.points, 9), axis=0, return_inverse=True)
-    pair = []
-    for name, values, colour, ball in (
-        ("measured", test, _TEST_VIEW, True),
-        ("model at the sensors", model, _MODEL_VIEW, False),
-    ):
-        vectors = np.zeros_like(points)
-        np.add.at(vectors, place.ravel(), np.nan_to_num(values)[:, None] * sensors.directions)
-        pair.append(Arrows(name, colour, points, vectors, ball))
-    return tuple(pair)
+    vectors = np.zeros_like(points)
+    np.add.at(vectors, place.ravel(), np.nan_to_num(values)[:, None] * sensors.directions)
+    return Arrows(name, colour, points, vectors, ball)

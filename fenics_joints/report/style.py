@@ -22,7 +22,8 @@ from matplotlib.ticker import LogFormatter
 #: Colours that the page replaces by its own, and those that suit light and dark pages alike.
 INK, _MUTED, _LINE, PAPER = "#1b2027", "#5b6470", "#d3d8de", "#fdfdfc"
 _BLUE, _GREEN = "#0072b2", "#009e73"
-_PAGE = {
+#: Variables of the page by the colours that they take the place of.
+PAGE = {
     INK: "--ink",
     _MUTED: "--muted",
     _LINE: "--line",
@@ -119,7 +120,7 @@ def to_svg(figure: Figure, name: str, alt: str, dpi: int = 150) -> str:
     text = text[text.index("<svg") :].strip()
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = _unique_ids(text, name)
-    for colour, variable in _PAGE.items():
+    for colour, variable in PAGE.items():
         text = text.replace(colour, f"var({variable}, {colour})")
     # The page's own font; matplotlib's list would ask for what the reader may not have.
     text = re.sub(r"font-family: [^;\"]*", "font-family: inherit", text)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -141,16 +142,34 @@ def _heat_cell(error: float, largest: float) -> Cell:
 
 
 def mac_table(
-    matrix: np.ndarray, rows: Sequence[str], columns: Sequence[object], caption: str, id: str = ""
+    matrix: np.ndarray,
+    rows: Sequence[str],
+    columns: Sequence[object],
+    caption: str,
+    id: str = "",
+    drawn: Sequence[object] = (),
 ) -> Table:
-    """Values of the modal assurance criterion in colours, from white to blue."""
+    """Values of the modal assurance criterion in colours, from white to blue.
+
+    Args:
+        matrix: The values, (n_rows, n_columns).
+        rows: Names of the test's modes.
+        columns: Of the model's modes.
+        caption: Of the table.
+        id: See `Table`.
+        drawn: The columns that the page's view shows, in its order: a click on a value shows both
+            shapes.
+    """
     table = Table(["", *map(str, columns)], caption=caption, id=id, kind="heat")
     white, blue = np.array([247, 249, 250]) / 255, np.array([31, 95, 150]) / 255
-    for name, values in zip(rows, matrix, strict=True):
-        shares = np.clip(values, 0.0, 1.0)
-        colours = [white + share * (blue - white) for share in shares]
-        pairs = zip(values.tolist(), colours, strict=True)
-        table.add(name, *(_coloured(f"{v:.2f}", c, v) for v, c in pairs))
+    places = {column: place for place, column in enumerate(drawn)}
+    for i, (name, values) in enumerate(zip(rows, matrix, strict=True)):
+        cells = []
+        for column, v in zip(columns, values.tolist(), strict=True):
+            cell = _coloured(f"{v:.2f}", white + min(max(v, 0.0), 1.0) * (blue - white), v)
+            pair = f"{i},{places[column]}" if column in places else ""
+            cells.append(replace(cell, pair=pair))
+        table.add(name, *cells)
     return table
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -81,6 +81,9 @@ class SurfaceView:
         shown: What ``values`` are where they are shown, from low to high, with their unit.
         arrows: Arrows.
         note: A sentence below the view.
+        scales: What each of the scene's tests is multiplied by here; empty without any.
+        match: Which test it shows at first; None for none.
+        mac: Modal assurance criterion with each of the tests.
     """
 
     name: str
@@ -92,6 +95,9 @@ class SurfaceView:
     shown: tuple[float, float, str] | None = None
     arrows: Sequence[Arrows] = field(default_factory=tuple)
     note: str = ""
+    scales: Sequence[float] = ()
+    match: int | None = None
+    mac: Sequence[float] = ()
 
 
 def scene(
@@ -101,6 +107,8 @@ def scene(
     *,
     turn: np.ndarray | None = None,
     apart: bool = False,
+    parts: Sequence[str] = (),
+    tests: Sequence[Arrows] = (),
 ) -> Markup:
     """A view as the JSON that the page's script draws.
 
@@ -110,6 +118,8 @@ def scene(
         name: What it shows, in words, for who does not see it.
         turn: Turns the model's axes into those of the view, x to the right, z up, (3, 3).
         apart: Whether the levels may be drawn apart.
+        parts: Names of the levels, if its reader may hide them one by one.
+        tests: Measured shapes; each look may show one of them.
     """
     drawn, shown = surface, looks(surface)
     most = _most(surface, shown)
@@ -130,11 +140,17 @@ def scene(
         "groups": _whole(drawn.group, 2) if any(look.texts for look in shown) else None,
         "turn": (np.eye(3) if turn is None else turn).ravel().tolist(),
         "apart": apart and bool(drawn.level.any()),
+        "parts": list(parts) if drawn.level.any() else [],
+        "tests": [_arrows(a, middle, half, 1.0) for a in tests],
         "coarse": [] if drawn is surface else [len(drawn.faces), surface.whole],
         "looks": [_look(look, middle, half) for look in shown],
     }
+    return json_markup(content)
+
+
+def json_markup(content: Mapping[str, object]) -> Markup:
+    """JSON to put into an element of a page, which nothing in its texts ends."""
     text = json.dumps(content, separators=(",", ":"), allow_nan=False)
-    # Nothing in a text may end the element that it is in.
     for sign in "<>&\u2028\u2029":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
     return Markup(text)
@@ -165,17 +181,23 @@ def _look(look: SurfaceView, middle: np.ndarray, half: float) -> dict:
         found["values"] = _shorts(look.values)
     if look.shown is not None:
         found["shown"] = list(look.shown)
-    found["arrows"] = [
-        {
-            "name": a.name,
-            "colour": a.colour,
-            "ball": a.ball,
-            "points": np.round((a.points - middle) / half, 4).ravel().tolist(),
-            "vectors": np.round(a.vectors / size, 4).ravel().tolist(),
-        }
-        for a in look.arrows
-    ]
+    found["arrows"] = [_arrows(a, middle, half, size) for a in look.arrows]
+    if look.scales:
+        found["scales"] = [float(f"{scale / size:.5g}") for scale in look.scales]
+        found["mac"] = [round(float(value), 3) for value in look.mac]
+        found["match"] = look.match
     return found
+
+
+def _arrows(arrows: Arrows, middle: np.ndarray, half: float, size: float) -> dict:
+    vectors = arrows.vectors / size
+    return {
+        "name": arrows.name,
+        "colour": arrows.colour,
+        "ball": arrows.ball,
+        "points": np.round((arrows.points - middle) / half, 4).ravel().tolist(),
+        "vectors": [float(f"{v:.4g}") for v in vectors.ravel().tolist()],
+    }
 
 
 def _shorts(values: np.ndarray) -> str:

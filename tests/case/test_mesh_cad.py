@@ -76,8 +76,8 @@ def test_modes_say_what_was_found(tmp_path):
     assert [ring["name"] for ring in found["rings"]] == [f"ring_{i}" for i in (1, 2, 3, 4)]
     assert found["rings"][2]["centre_m"] == pytest.approx([0.085, 0.015, 0.02035], abs=1e-9)
     assert found["rings"][0]["parts"] == ["bed", "column"]
-    page = result.page()
-    for what in ("100 x 60.0 x 35.7 mm", "ring_4", "85.0, 45.0, 20.4", "6 to 11", "bed, column"):
+    page = result.page().html()
+    for what in ("100 x 60.0 x 35.7 mm", "ring_4", "85, 45, 20.35", "6 to 11", "bed, column"):
         assert what in page
 
 

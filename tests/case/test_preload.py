@@ -161,7 +161,7 @@ def test_bar_between_floor_and_grip(folder, keeps_rules):
     assert grip["force_n"] == pytest.approx([0, 0, -FORCE], abs=1e-6 * FORCE)
     assert floor["force_n"] == pytest.approx([0, 0, FORCE], abs=1e-6 * FORCE)
     assert facts["bolt_forces_n"] == {}
-    keeps_rules(outcome.page())
+    keeps_rules(outcome.page().html())
     support = '[supports.{0}]\nfacets = "{0}"\ndirections = {1}\n'
     top, found = support.format("top", ["z"]), (elastic(case, state="preload"), elastic(case))
     for modes, ways in zip(found, (["z"], ["x", "y", "z"]), strict=True):
@@ -201,7 +201,7 @@ def test_check_names_and_draws_them(folder, keeps_rules):
     assert at["obstacle", "floor"].direction == pytest.approx([0, 0, 1])
     assert at["displacement", "grip"].direction == pytest.approx([0, 0, -1])
     assert at["load", "piston"].point == pytest.approx([0, 0.01, 0.02])
-    page = outcome.page()
+    page = outcome.page().html()
     keeps_rules(page)
     assert "1 of kind obstacle, 1 of kind displacement, 1 of kind load" in page
     block(folder, FLOOR.replace("[0, 0, 1]", "[0, 0, -1]"), GRIP)

@@ -77,7 +77,7 @@ def test_command(tmp_path_factory, keeps_rules):
     assert content["model"]["frequency_error"] < 1e-4
     assert len(content["likelihood"]) == 5 and (folder / "chains.nc").is_file()
     if comm.rank == 0:
-        page, stream = found.page(), io.StringIO()
+        page, stream = found.page().html(), io.StringIO()
         keeps_rules(page)
         assert page.count("<svg") == 6 and "R-hat" in page and "Not converged" not in page
         found.summary(Console(file=stream, width=100))
@@ -90,7 +90,7 @@ def test_without_specimens_and_held_modes(tmp_path):
     outcome = run_bayes(case, MPI.COMM_SELF, Progress(silent=True))
     found = outcome.result
     assert len(repr(found)) <= 120 and len(repr(found.predicted)) <= 120
-    assert found.predicted.check is None and outcome.page().count("<svg") == 4
+    assert found.predicted.check is None and outcome.page().html().count("<svg") == 4
     # Jalali et al. 2019, Table 1: the updated model is within 0.15 % of the first five frequencies,
     # and 2.10 % below, 5.07 above and 2.50 below the others.
     rows = found.frequencies()

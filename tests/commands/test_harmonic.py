@@ -100,7 +100,7 @@ def test_small_forces_give_the_linear_resonance_and_large_ones_soften_and_damp(s
         assert row["displacement_m"] == f.peak_displacement_m
         assert row["static_hz"] == pytest.approx(row["periodic_hz"], rel=1e-3)
         assert row["static_damping"] == pytest.approx(row["periodic_damping"], rel=0.02)
-    page = outcome.page()
+    page = outcome.page().html()
     assert MPI.COMM_WORLD.rank > 0 or "quasi-static, full, Hz" in page
     if MPI.COMM_WORLD.rank == 0:
         names = [look["name"] for look in view_of(page)["looks"]]
@@ -196,7 +196,7 @@ def test_a_base_that_shakes_is_the_inertia_of_the_mode(tmp_path):
     sensor = modes.at(Sensors([case.harmonic.sensor.point], [0, 0, 1]))[0, i]
     expected = 1e-3 * abs(push * sensor) / (2 * 0.01 * modes.eigenvalues[i])
     assert fact.peak_displacement_m == pytest.approx(expected, rel=2e-3)
-    assert outcome.json()["level_unit"] == "m/s2" and "base acceleration" in outcome.page()
+    assert outcome.json()["level_unit"] == "m/s2" and "base acceleration" in outcome.page().html()
     moved = 1e-3 / (2 * np.pi * fact.peak_hz) ** 2
     edits = (
         *edits[:2],
@@ -246,7 +246,7 @@ def test_identification_finds_the_strength_that_made_the_curves(tmp_path):
     unseen, fitted = report.predictions
     assert unseen.level == 7 and abs(unseen.amplitude_error) < 0.01
     assert outcome.json()["identified"][0]["undetermined"] == []
-    assert "predicted" in outcome.page()
+    assert "predicted" in outcome.page().html()
 
 
 @serial
@@ -274,7 +274,7 @@ def test_contact_with_friction_under_preload(tmp_path, keeps_rules):
     assert large.damping_ratio > small.damping_ratio
     row = report.mode_records()[-1]
     assert row["static_hz"] == pytest.approx(row["periodic_hz"], rel=0.01)
-    page = outcome.page()
+    page = outcome.page().html()
     keeps_rules(page)
     # What is seen of the sensor's point is what the table says; the joint's values are its own.
     shapes = peak_shapes(report)

@@ -190,7 +190,7 @@ def test_tells_it(everything):
     assert data["method"] == "log" and data["parameters"][0]["determined"]
     assert data["modes"][4]["fitted"] is False and data["held_modes"][0]["name"] == "mode 5"
     assert data["functions_db"]["fitted_after"] == everything.functions.summary()["fitted_after"]
-    page = outcome.page()
+    page = outcome.page().html()
     for text in ('id="held-modes"', "4:+z by 1:+x", "joint.loss_factor", "MAC before"):
         assert text in page
     console = Console(width=80, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
@@ -250,7 +250,7 @@ lines = 12
     outcome = Outcome(astray, update_document(astray))
     fit = json.loads(json.dumps(outcome.json(), allow_nan=False))["fit"]
     assert fit["converged"] is False and fit["reason"] == astray.update.message
-    assert "not converged" in outcome.page() and outcome.failure is None
+    assert "not converged" in outcome.page().html() and outcome.failure is None
     only = update.replace(', "frfs"', "").replace("lines = 12\n", "")
     report = update_case(_case(test_files, only, "weighted"), MPI.COMM_WORLD)
     assert report.update.method == "weighted" and report.update.converged
@@ -288,7 +288,7 @@ modes = [{held}]
     assert report.update.identifiability.undetermined == ("joint.E", "joint.h")
     assert "update.regularisation = 2.3" in start_words(report.update.identifiability, report.pull)
     outcome = Outcome(report, update_document(report))
-    assert 'id="pull"' in outcome.page() and outcome.json()["fit"]["regularisation"] == 2.3
+    assert 'id="pull"' in outcome.page().html() and outcome.json()["fit"]["regularisation"] == 2.3
 
 
 def test_a_start_beyond_its_bounds_is_refused(test_files):

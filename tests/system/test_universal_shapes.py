@@ -103,13 +103,13 @@ def test_a_universal_file_is_the_whole_test(lap, truth):
     outcome.summary(console)
     words = " ".join(console.export_text().split())
     assert notes[1] in words and "…" not in words
-    assert notes[1] in outcome.page() and outcome.json()["notes"] == list(notes)
+    assert notes[1] in outcome.page().html() and outcome.json()["notes"] == list(notes)
     beside, said = outcome.result.beside, outcome.json()["test"]
     assert beside.relative == pytest.approx(0, abs=1e-5)
     assert beside.mac == pytest.approx(1, abs=1e-6)
     assert beside.index.tolist() == outcome.result.visible.nonzero()[0][:N_MODES].tolist()
     assert [p["mode"] - 1 for p in said["pairs"]] == beside.index.tolist()
-    assert "+0.00 %" in words and "MAC 1.000" in outcome.page()
+    assert "+0.00 %" in words and "MAC 1.000" in outcome.page().html()
 
 
 def test_modes_are_paired_by_their_shapes_where_frequencies_mislead(lap, truth):
@@ -133,7 +133,7 @@ def test_modes_are_paired_by_their_shapes_where_frequencies_mislead(lap, truth):
     there = np.isfinite(beside.test_shapes)
     assert beside.model_shapes[there] == pytest.approx(beside.test_shapes[there], rel=1e-3)
     everything = run_modes(case, MPI.COMM_SELF, Progress(silent=True), n_modes=14, draw_all=True)
-    assert everything.page().count("Mode shape ") == 8 and outcome.page().count("Mode shape ") == 6
+    assert everything.page().html().count("Mode shape ") == 8 and outcome.page().html().count("Mode shape ") == 6
     few = run_modes(case, MPI.COMM_SELF, Progress(silent=True), n_modes=9)
     assert few.result.beside is None and "not compared with the test" in few.result.notes[-1]
 

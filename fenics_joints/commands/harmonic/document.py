@@ -14,7 +14,8 @@ from fenics_joints.commands.harmonic.view import peak_shapes, response_view
 from fenics_joints.formatting import MISSING, hertz, number, percent, quantity
 from fenics_joints.harmonic import IdentificationResult
 from fenics_joints.report import document as doc
-from fenics_joints.report.style import INK, SERIES, drawing, to_svg
+from fenics_joints.report.chart import Curve, curve_chart
+from fenics_joints.report.style import INK, PAPER, SERIES, drawing, to_svg
 
 #: Times the noise from which a misfit of the mode over its amplitude is noted; chosen: no result
 #: depends on it.
@@ -33,7 +34,7 @@ def harmonic_document(r: HarmonicReport) -> doc.Document:
     if r.backbone_note is not None:
         notes.append(r.backbone_note)
     keys = [
-        ("rest", rest, "mode at rest"),
+        ("rest", rest, "mode at low amplitude (linear)"),
         ("dofs", r.built.n_dofs, f"degrees of freedom, {model.n_dofs} after reduction"),
         ("points", sum(map(len, model.interfaces)), f"points of joints: {points}"),
     ]
@@ -100,9 +101,7 @@ def _peaks(r: HarmonicReport) -> list:
     )
     words = "Damping is the work of the force in a cycle over 4π times the kinetic energy."
     if r.curves is not None:
-        words += (
-            " The last columns are the highest measured responses, in brackets the model's error."
-        )
+        words += " The last columns are the measured peaks, with the model's error in brackets."
     return [doc.Heading("Peaks"), doc.OnPage([doc.Text(words)]), table]
 
 
@@ -115,7 +114,7 @@ def _scene(r: HarmonicReport) -> list | None:
         return []
     view, still = response_view(r, shapes, loops)
     caption = (
-        "At the highest level's peak, by the first harmonic; colour: motion along the sensor's "
+        "First harmonic at the peak of the highest level; colour: motion along the sensor's "
         "direction. Motion is enlarged."
     )
     return [doc.Heading("The structure at its peaks"), doc.View(view, [doc.Figure(still, caption)])]
@@ -135,8 +134,8 @@ def _modes(r: HarmonicReport) -> list:
         id="modes",
     )
     how = (
-        "At the displacements of the peaks: periodic motion (EPMC) beside static loads of the "
-        "mode's inertia, whose damping is by Masing's rule or, in contacts, by loops."
+        "At the displacements of the peaks: periodic motion (EPMC), and static loading by the "
+        "mode's inertia forces, with damping by Masing's rule or, for contacts, by full loops."
     )
     blocks = [doc.Heading("Mode over amplitude"), doc.OnPage([doc.Text(how)]), table]
     if r.static_backbone.end != "reached":
@@ -150,10 +149,10 @@ def _stability_blocks(r: HarmonicReport) -> list:
     if not r.stability:
         return []
     how = (
-        "Where the stability of responses changes, and how many disturbances grow before and "
-        "after, by their multipliers over a period. Motions of broken symmetry leave at a branch "
-        "point, of twice the period at a period doubling; at a Neimark-Sacker bifurcation the "
-        "motion begins to beat."
+        "Points where the stability of a response changes, with the number of growing "
+        "disturbances before and after (Floquet multipliers). At a branch point motions of broken "
+        "symmetry branch off, at a period doubling motions of twice the period; at a "
+        "Neimark-Sacker bifurcation the motion starts to beat."
     )
     rows = []
     for found in r.stability:
@@ -204,8 +203,8 @@ def _identified(r: HarmonicReport) -> list:
         doc.Heading("Identified"),
         doc.Text(
             f"Identified from {_source(first)}: the objective is the sum of relative errors near "
-            f"the peak{weight}; a response is the curve at all its selected frequencies, a "
-            "solution one of them; s.d. is from the data alone."
+            f"the peak{weight}; a response is the curve at all selected frequencies, a solution "
+            "one point of it; standard deviations are from the data alone."
         ),
         table,
         *([amplitude] if amplitude.rows else []),
@@ -233,7 +232,7 @@ def _predictions(r: HarmonicReport) -> list:
         caption="Mean error: of the amplitudes near the peak",
         id="predictions",
     )
-    return [doc.Heading("Against the measured curves"), table]
+    return [doc.Heading("Comparison with the measured curves"), table]
 
 
 def _source(found: IdentificationResult) -> str:
@@ -255,22 +254,22 @@ def _mode_notes(found: IdentificationResult) -> list[str]:
     rest = found.offsets.get("frequency at rest")
     if rest is not None:
         notes.append(
-            f"at rest the test's frequency is {percent(abs(rest.value), 3)} (s.d. "
-            f"{percent(rest.sd, 3)}) {'above' if rest.value > 0 else 'below'} the model's, beside "
-            "what the law does"
+            f"at low amplitude the test's frequency is {percent(abs(rest.value), 3)} (s.d. "
+            f"{percent(rest.sd, 3)}) {'above' if rest.value > 0 else 'below'} the model's, which "
+            "the law does not change"
         )
     damping = found.offsets.get("damping at rest")
     if damping is not None:
         notes.append(
-            f"the test has a damping ratio of {percent(abs(damping.value), 3)} (s.d. "
-            f"{percent(damping.sd, 3)}) {'more' if damping.value > 0 else 'less'} than the model, "
-            "at all amplitudes the same"
+            f"the test's damping ratio is {'higher' if damping.value > 0 else 'lower'} than the "
+            f"model's by {percent(abs(damping.value), 3)} (s.d. {percent(damping.sd, 3)}), the "
+            "same at all amplitudes"
         )
     for what, width in zip(("frequencies", "damping ratios"), found.mode.widths, strict=True):
         if width > _WIDE:
             notes.append(
-                f"the law does not follow the {what}: it leaves {number(width, 2)} times their "
-                "noise, and they were weighed so much less"
+                f"the law does not reproduce the {what}: residuals are {number(width, 2)} times "
+                "the noise, and their weight was reduced accordingly"
             )
     if not found.mode.measured.has_damping:
         notes.append(
@@ -307,91 +306,98 @@ def _charts(r: HarmonicReport) -> list:
     loops = [response.loops(response.peak.index) for response in r.responses]
     if r.rank != 0:
         return []
-    drawn = {"Response at the levels of force": partial(responses_chart, r)}
+    blocks: list = [doc.Heading("Response at the levels of force"), responses_chart(r)]
     if r.backbone is not None or r.static_backbone is not None:
-        drawn["Frequency and damping over amplitude"] = partial(over_amplitude, r)
+        blocks += [doc.Heading("Frequency and damping over amplitude"), over_amplitude(r)]
     for points in r.built.model.interfaces:
-        drawn[f"Hysteresis in {points.name}"] = partial(loops_chart, r, loops, points)
+        blocks.append(doc.Heading(f"Hysteresis in {points.name}"))
+        blocks.append(doc.Figure(partial(loops_chart, r, loops, points)))
         if points.points is not None:
-            made = loops[-1][points.name]
-            drawn[f"Where {points.name} slips"] = partial(interface_map, r, points, made)
-    return [b for words, draw in drawn.items() for b in (doc.Heading(words), doc.Figure(draw))]
+            drawn = partial(interface_map, r, points, loops[-1][points.name])
+            blocks += [doc.Heading(f"Where {points.name} slips"), doc.Figure(drawn)]
+    return blocks
 
 
-def responses_chart(r: HarmonicReport) -> str:
+def responses_chart(r: HarmonicReport) -> doc.View:
     """Amplitude over frequency, by level, with the backbone and what was measured."""
-    with drawing(7.6, 4.4) as figure:
-        axes = figure.subplots()
-        for shade, response, f in zip(cycle(SERIES), r.responses, r.facts, strict=False):
-            amplitude = response.amplitude(SENSOR, r.kind)
-            label = quantity(f.level, r.level_unit)
-            axes.plot(response.frequencies_hz, amplitude, color=shade, lw=1.6, label=label)
-            axes.plot(f.peak_hz, f.peak, "o", color=shade, ms=4)
-            for found in r.stability:
-                if found.level == f.level:
-                    _stability(axes, found, response, amplitude, r.kind, shade)
-            if f.measured_peak is not None:
-                axes.plot(*r.curves.at(f.level), "x", color=shade, ms=5)
-        limits, top = axes.get_xlim(), axes.get_ylim()[1]
-        if (b := r.backbone) is not None:
-            line = {"color": INK, "lw": 1.0, "ls": (0, (4, 3)), "label": "backbone"}
-            axes.plot(b.frequencies_hz, b.amplitude(SENSOR, r.kind), **line)
-        ylabel = f"{r.kind} at the sensor{r.relative}, {r.unit}"
-        axes.set(xlim=limits, ylim=(0, top), xlabel="frequency, Hz", ylabel=ylabel)
-        axes.legend(loc="best", title="x: measured" if r.curves is not None else None)
-        peaks = "; ".join(f"{f.level:g} N: {f.peak_hz:.3f} Hz" for f in r.facts)
-        return to_svg(figure, "responses", f"Response over frequency. Peaks at {peaks}.")
+    curves = []
+    for shade, response, f in zip(cycle(SERIES), r.responses, r.facts, strict=False):
+        amplitude, hz = response.amplitude(SENSOR, r.kind), response.frequencies_hz
+        label = quantity(f.level, r.level_unit)
+        curves.append(Curve(label, hz, amplitude, shade))
+        curves.append(Curve(label, [f.peak_hz], [f.peak], shade, 0, mark="o"))
+        for found in r.stability:
+            if found.level == f.level:
+                curves += _stability(found, hz, amplitude, r.kind, shade, label)
+        if f.measured_peak is not None:
+            curves.append(Curve(f"{label}, measured", *r.curves.at(f.level), shade, 0, mark="x"))
+    if (b := r.backbone) is not None:
+        shown = b.frequencies_hz, b.amplitude(SENSOR, r.kind)
+        low, high = min(np.min(c.x) for c in curves), max(np.max(c.x) for c in curves)
+        top = 1.05 * max(np.nanmax(c.y) for c in curves)
+        there = (shown[0] >= low) & (shown[0] <= high) & (shown[1] <= top)
+        curves.append(Curve("backbone", shown[0][there], shown[1][there], INK, 1.0, (4, 3)))
+    ylabel = f"{r.kind} at the sensor{r.relative}, {r.unit}"
+    peaks = "; ".join(f"{quantity(f.level, r.level_unit)}: {f.peak_hz:.3f} Hz" for f in r.facts)
+    alt = f"Response over frequency. Peaks at {peaks}."
+    return curve_chart(curves, "frequency, Hz", [ylabel], alt, file="responses")
 
 
-def _stability(axes, found: LevelStability, response, amplitude, kind: str, shade: str) -> None:
-    """Unstable responses pale, bifurcations as squares, the branches that leave there dotted."""
+def _stability(
+    found: LevelStability, hz: np.ndarray, amplitude: np.ndarray, kind: str, shade: str, label: str
+) -> list[Curve]:
+    """Unstable responses dashed, bifurcations as squares, the branches that leave there dotted."""
     lost = np.where(found.stability.stable, np.nan, amplitude)
-    axes.plot(response.frequencies_hz, lost, color="white", lw=0.9)
-    for b in found.stability.bifurcations:
-        height = 0.5 * (amplitude[b.index] + amplitude[b.index + 1])
-        axes.plot(b.frequency_hz, height, "s", color=shade, ms=3.5, mfc="white")
+    curves = [Curve(f"{label}, unstable", hz, lost, PAPER, 1.0, (3, 3))]
+    at = [
+        (b.frequency_hz, amplitude[b.index : b.index + 2].mean())
+        for b in found.stability.bifurcations
+    ]
+    if at:
+        curves.append(Curve(f"{label}, bifurcation", *np.transpose(at), shade, 0, mark="s"))
     for _, made in found.branches:
-        axes.plot(made.frequencies_hz, made.amplitude(SENSOR, kind), color=shade, lw=1.2, ls=":")
+        branch = made.frequencies_hz, made.amplitude(SENSOR, kind)
+        curves.append(Curve(f"{label}, branch", *branch, shade, 1.2, (1, 2)))
+    return curves
 
 
-def over_amplitude(r: HarmonicReport) -> str:
+def over_amplitude(r: HarmonicReport) -> doc.View:
     """Frequency and damping of the mode over its amplitude, with the levels' peaks."""
     both = [b for b in (r.backbone, r.static_backbone) if b is not None]
     tested = measured_mode_records(r.identified[-1]) if r.identified else []
-    panels = (
-        ("frequencies_hz", "peak_hz", "test_hz", 1, "frequency, Hz"),
-        ("damping_ratios", "damping_ratio", "test_damping", 100, "damping ratio, %"),
-    )
-    with drawing(7.6, 3.2) as figure:
-        for axes, (values, peak, test, factor, words) in zip(
-            figure.subplots(1, 2), panels, strict=True
-        ):
-            for b in both:
-                line = {"color": SERIES[0], "label": b.method.replace("epmc", "periodic")}
-                line |= {"color": INK, "ls": "--"} if b is r.static_backbone else {}
-                axes.semilogx(b.amplitude(), factor * getattr(b, values), **line)
-            for shade, f in zip(cycle(SERIES), r.facts, strict=False):
-                at = f.peak_displacement_m, factor * getattr(f, peak)
-                axes.plot(*at, "o", color=shade, ms=4.5)
-            for row in tested:
-                if row[test] is not None:
-                    at = row["displacement_m"], factor * row[test]
-                    axes.plot(*at, "x", color=INK, ms=5)
-            axes.set(xlabel="displacement at the sensor, m", ylabel=words)
-            axes.ticklabel_format(axis="y", useOffset=False)
-        if len(both) > 1:
-            figure.axes[0].legend(loc="best")
-        x, hz, zeta = both[0].amplitude(), both[0].frequencies_hz, both[0].damping_ratios
-        alt = (
-            f"Over displacements from {quantity(x[0], 'm')} to {quantity(x[-1], 'm')} the "
-            f"frequency goes from {hz[0]:.3f} to {hz[-1]:.3f} Hz, the damping from "
-            f"{percent(zeta[0])} to {percent(zeta[-1])}."
+    curves = []
+    for panel, (values, peak, test, factor) in enumerate(
+        (
+            ("frequencies_hz", "peak_hz", "test_hz", 1),
+            ("damping_ratios", "damping_ratio", "test_damping", 100),
         )
-        if tested:
-            alt += " Crosses: the test."
-        if r.backbone_note is not None:
-            alt += f" {doc.sentence(r.backbone_note)}"
-        return to_svg(figure, "amplitude", alt)
+    ):
+        for b in both:
+            look = (INK, 1.6, (4, 3)) if b is r.static_backbone else (SERIES[0],)
+            name = b.method.replace("epmc", "periodic")
+            curves.append(
+                Curve(name, b.amplitude(), factor * getattr(b, values), *look, panel=panel)
+            )
+        for shade, f in zip(cycle(SERIES), r.facts, strict=False):
+            at = [f.peak_displacement_m], [factor * getattr(f, peak)]
+            name = f"peak at {quantity(f.level, r.level_unit)}"
+            curves.append(Curve(name, *at, shade, 0, mark="o", panel=panel))
+        rows = [
+            (row["displacement_m"], factor * row[test]) for row in tested if row[test] is not None
+        ]
+        if rows:
+            curves.append(Curve("measured", *np.transpose(rows), INK, 0, mark="x", panel=panel))
+    x, hz, zeta = both[0].amplitude(), both[0].frequencies_hz, both[0].damping_ratios
+    alt = (
+        f"Over displacements from {quantity(x[0], 'm')} to {quantity(x[-1], 'm')} the "
+        f"frequency goes from {hz[0]:.3f} to {hz[-1]:.3f} Hz, the damping from "
+        f"{percent(zeta[0])} to {percent(zeta[-1])}."
+    )
+    if r.backbone_note is not None:
+        alt += f" {doc.sentence(r.backbone_note)}"
+    axes = "displacement at the sensor, m", ["frequency, Hz", "damping ratio, %"]
+    look = {"file": "amplitude", "log": (True, False), "size": (7.6, 3.0)}
+    return curve_chart(curves, *axes, alt, **look)
 
 
 def loops_chart(r: HarmonicReport, loops: list[dict], points) -> str:
@@ -420,7 +426,7 @@ def loops_chart(r: HarmonicReport, loops: list[dict], points) -> str:
 
 
 def _place(point: np.ndarray) -> str:
-    return f", at ({', '.join(f'{1e3 * c:.1f}' for c in point)}) mm"
+    return f", at ({', '.join(f'{round(1e3 * c, 1) + 0.0:.1f}' for c in point)}) mm"
 
 
 def interface_map(r: HarmonicReport, points, made) -> str:

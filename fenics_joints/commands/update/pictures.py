@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.ticker import MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 
 from fenics_joints.commands.update.result import Functions, UpdateReport
 from fenics_joints.formatting import prefixed
+from fenics_joints.report.chart import Curve, curve_chart
+from fenics_joints.report.document import View
 from fenics_joints.report.panels import panel_chart, plain_log, with_unit
-from fenics_joints.report.style import CHOSEN, INK, NOISE, NOMINAL
+from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL
 
 #: The model after lies on what was measured, and has to stand out from it.
 _AFTER = "#f08a24"
@@ -27,43 +29,33 @@ def shown_functions(functions: Functions) -> list[tuple[int, int]]:
     return sorted(tuple(ij) for ij in rank[:_PANELS])
 
 
-def function_charts(functions: Functions) -> str:
-    """Magnitudes of measured functions and of the model's, before and after, a panel for each."""
-    f, shown = functions.frequencies_hz, shown_functions(functions)
-
-    def draw(axes, pair: tuple[int, int]) -> None:
-        at = (slice(None), *pair)
+def function_charts(functions: Functions) -> View:
+    """Magnitudes of measured FRFs and of the model's, before and after, a panel for each."""
+    f, shown, curves, panels = functions.frequencies_hz, shown_functions(functions), [], []
+    unit = functions.unit.replace("s2", "s²")
+    for panel, (i, j) in enumerate(shown):
+        at = (slice(None), i, j)
         held, lines = functions.held[at], functions.lines & ~functions.held[at]
         before, measured, after = (
             np.abs(H[at]) for H in (functions.before, functions.measured, functions.after)
         )
-        axes.plot(f, before, color=NOMINAL, lw=1.1, ls=(0, (4, 2)), label="model before")
-        axes.plot(f, measured, color=INK, lw=2.4, label="measured")
-        axes.plot(f, after, color=_AFTER, lw=1.2, label="model after")
-        low = {"transform": axes.get_xaxis_transform(), "color": CHOSEN, "ms": 5, "mew": 0.8}
-        axes.plot(f[lines], np.full(lines.sum(), 0.03), "|", label="line that was fitted", **low)
-        words = ""
-        if held.all():
-            words = " (held out: no line fitted)"
-        else:
-            edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(int), [0]])))
-            for a, b in zip(edges[::2], edges[1::2], strict=True):
-                axes.axvspan(f[a], f[b - 1], color=NOISE, alpha=0.18, lw=0, label="held out")
-        inside = np.concatenate([measured, after])
-        axes.set(
-            yscale="log", ylim=(np.nanmin(inside) / 2, np.nanmax(inside) * 2), xlim=(f[0], f[-1])
-        )
-        axes.yaxis.set_minor_formatter(NullFormatter())
-        (i, j), unit = pair, functions.unit.replace("s2", "s²")
-        name = f"{functions.names[0][i]} by {functions.names[1][j]}"
-        axes.set_title(f"{name}, {unit}{words}", loc="left")
-
+        floor = np.full(len(f), np.nanmin(np.concatenate([measured, after])) / 1.5)
+        for curve in (
+            Curve("model before", f, before, NOMINAL, 1.1, (4, 2), panel=panel),
+            Curve("measured", f, measured, width=2.4, panel=panel),
+            Curve("model after", f, after, _AFTER, 1.2, panel=panel),
+            Curve("fitted lines", f[lines], floor[lines], CHOSEN, 0, mark="|", panel=panel),
+            Curve("held out", f, np.where(held, floor, np.nan), NOISE, 5.0, panel=panel),
+        ):
+            curves += [curve] if np.isfinite(curve.y).any() else []
+        words = " (held out: no line fitted)" if held.all() else ""
+        panels.append(f"{functions.names[0][i]} by {functions.names[1][j]}, {unit}{words}")
     alt = (
-        f"Magnitude of {len(shown)} measured functions over frequency, with the model's before "
-        "and after; the numbers are in the tables of this page."
+        f"Magnitude of {len(shown)} measured FRFs over frequency, with the model's before and "
+        "after; the numbers are in the tables of this page."
     )
-    size = {"width": 8.6, "height": 2.25, "xlabel": "frequency, Hz"}
-    return panel_chart(shown, draw, "functions", alt, **size)
+    look = {"file": "frfs", "log": (False, True), "size": (8.6, 2.25)}
+    return curve_chart(curves, "frequency, Hz", panels, alt, **look)
 
 
 def convergence_chart(report: UpdateReport) -> str:

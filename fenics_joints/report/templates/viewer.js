@@ -1,5 +1,7 @@
 // Draws what report/view.py wrote into the page: faces whose corners move, by WebGL 2.
 const TURN = -0.489, TILT = 0.489, SWING = 0.14; // as the pictures are seen; of half the size
+const VIEWS = { Oblique: [TURN, TILT], Front: [0, 0], Side: [-Math.PI / 2, 0], Top: [0, Math.PI / 2] };
+const FRAMES = 24, WIDEST = 640; // of a moving picture, over a period; pixels
 
 class View {
   constructor(stage, scene) {
@@ -14,9 +16,12 @@ class View {
     this.levels = scene.levels && new Uint16Array(bytes(scene.levels));
     this.groups = scene.groups && new Uint16Array(bytes(scene.groups));
     const Faces = scene.n < 65536 ? Uint16Array : Uint32Array;
-    this.lists = split(new Faces(bytes(scene.faces)), scene.corners);
+    this.faces = new Faces(bytes(scene.faces));
+    this.hidden = new Set();
+    this.rest = true;
     this.home();
     this.prepare();
+    this.sort();
     this.controls();
     this.choose(0);
     this.listen();
@@ -40,7 +45,6 @@ class View {
     gl.useProgram(program);
     this.at = new Proxy({}, { get: (_, name) => gl.getUniformLocation(program, name) });
     this.buffers = [this.points, null, null, this.levels].map(data => this.buffer(data));
-    this.indices = this.lists.map(list => this.buffer(list, gl.ELEMENT_ARRAY_BUFFER));
     this.ramp = gl.createTexture();
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.BLEND);
@@ -55,6 +59,15 @@ class View {
     return made;
   }
 
+  /** Triangles and edges of the parts that are shown. */
+  sort() {
+    const { faces, scene: { corners }, levels, hidden } = this;
+    const shown = hidden.size ? faces.filter((_, i) => !hidden.has(levels[faces[i - i % corners]])) : faces;
+    this.lists = split(shown, corners);
+    this.indices = this.lists.map((list, i) =>
+      this.buffer(list, this.gl.ELEMENT_ARRAY_BUFFER, this.indices && this.indices[i]));
+  }
+
   attribute(i, buffer, size, kind, whole) {
     const gl = this.gl;
     if (!buffer) {
@@ -67,13 +80,22 @@ class View {
     gl.vertexAttribPointer(i, size, kind, whole, 0, 0);
   }
 
-  choose(number) {
+  /** Show one of the looks, with one of the test's shapes: by default the one that belongs to it. */
+  choose(number, test = this.scene.looks[number].match ?? -1) {
     const gl = this.gl, look = this.look = this.scene.looks[number];
+    this.test = look.scales ? test : -1;
+    if (this.list) this.list.value = number;
+    if (this.testList) this.testList.value = this.test;
     look.moved = look.motion && (look.moved || shorts(look.motion));
     look.shade = look.values && (look.shade || shorts(look.values));
     this.buffers[1] = this.buffer(look.moved);
     this.buffers[2] = this.buffer(look.shade);
-    this.arrows = look.arrows.map(a => {
+    this.shown = [...look.arrows];
+    if (this.test >= 0) {
+      const measured = this.scene.tests[this.test], scale = look.scales[this.test];
+      this.shown.push({ ...measured, vectors: measured.vectors.map(v => scale * v) });
+    }
+    this.arrows = this.shown.map(a => {
       const shape = arrowShapes(a);
       return { colour: rgb(a.colour), count: shape.position.length / 3,
         position: this.buffer(shape.position), motion: this.buffer(shape.motion) };
@@ -135,6 +157,11 @@ class View {
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.indices[i]);
       gl.drawElements(kind, this.lists[i].length, gl.UNSIGNED_INT, 0);
     };
+    if (this.rest && swing) {
+      gl.uniform1f(this.at.swing, 0);
+      part(2, gl.LINES, [...ink, 0.35], 0, 0);
+      gl.uniform1f(this.at.swing, swing);
+    }
     part(0, gl.TRIANGLES, [0, 0, 0, 0], 0, 1);
     if (this.edges) part(1, gl.LINES, [0.1, 0.12, 0.15, 0.22], 0.0004, 0);
     part(2, gl.LINES, [0.1, 0.12, 0.15, 0.75], 0.0006, 0);
@@ -215,9 +242,16 @@ class View {
     const row = element("div", this.root, { className: "tools" }), looks = this.scene.looks;
     if (looks.length > 1) {
       const label = element("label", row, { textContent: "Show " });
-      const list = element("select", label);
+      const list = this.list = element("select", label);
       looks.forEach((look, i) => element("option", list, { value: i, textContent: look.name }));
       list.onchange = () => this.choose(Number(list.value));
+    }
+    if (this.scene.tests.length) {
+      const label = element("label", row, { textContent: "Test " });
+      const list = this.testList = element("select", label);
+      element("option", list, { value: -1, textContent: "none" });
+      this.scene.tests.forEach((t, i) => element("option", list, { value: i, textContent: t.name }));
+      list.onchange = () => this.choose(this.scene.looks.indexOf(this.look), Number(list.value));
     }
     const slider = (text, max, value, set) => {
       const label = element("label", row, { textContent: text });
@@ -232,14 +266,30 @@ class View {
       slider("Amplitude ", 3, 1, x => { this.amplitude = x; });
     }
     if (this.scene.apart) slider("Apart ", 2 * this.apart, this.apart, x => { this.apart = x; });
-    const label = element("label", row), box = element("input", label, { type: "checkbox" });
-    box.checked = this.edges;
-    label.append(" Mesh");
-    box.onchange = () => { this.edges = box.checked; this.draw(); };
-    element("button", row, { type: "button", textContent: "Reset view" }).onclick = () => {
-      Object.assign(this, { yaw: TURN, tilt: TILT, zoom: 1, moved: [0, 0] });
-      this.draw();
+    const tick = (into, text, on, set) => {
+      const label = element("label", into), box = element("input", label, { type: "checkbox" });
+      box.checked = on;
+      label.append(` ${text}`);
+      box.onchange = () => { set(box.checked); this.draw(); };
     };
+    tick(row, "Mesh", this.edges, on => { this.edges = on; });
+    if (looks.some(look => look.motion)) tick(row, "At rest", this.rest, on => { this.rest = on; });
+    const press = (into, text, act) => {
+      element("button", into, { type: "button", textContent: text }).onclick = act;
+    };
+    const views = element("span", row, { className: "views" });
+    Object.keys(VIEWS).forEach((name, i) => press(views, name, () => this.stand(i)));
+    press(row, "Picture", () => this.picture());
+    if (looks.some(look => look.motion)) press(row, "GIF", () => this.movie());
+    if (this.scene.parts.length) {
+      const parts = element("details", this.root, { className: "parts" });
+      element("summary", parts, { textContent: "Parts" });
+      const boxes = element("div", parts, { className: "tools" });
+      this.scene.parts.forEach((name, i) => tick(boxes, name, true, on => {
+        this.hidden[on ? "delete" : "add"](i);
+        this.sort();
+      }));
+    }
     this.key = element("div", this.root, { className: "key" });
     this.note = element("p", this.root, { className: "note" });
     this.tip = element("output", this.root, { className: "tip", hidden: true });
@@ -262,7 +312,7 @@ class View {
         element("span", grey, { textContent: c.none });
       }
     }
-    for (const a of look.arrows) {
+    for (const a of this.shown) {
       const item = element("span", key);
       element("i", item, { className: "box" }).style.background = a.colour;
       element("span", item, { textContent: a.name });
@@ -272,8 +322,10 @@ class View {
     const how = matchMedia("(pointer: coarse)").matches
       ? "Drag sideways to turn it, with two fingers to move and zoom."
       : "Drag to turn it, with Shift to move it; click, then roll the wheel to zoom; point at it "
-        + "for values.";
-    this.note.textContent = `${look.note} ${how}${coarse}`;
+        + "for values. Keys: arrows turn, + and - zoom, 1 to 4 are the views, the space bar plays.";
+    const beside = this.test < 0 ? "" : ` ${scene.tests[this.test].name} of the test, scaled to the `
+      + `same length at the sensors: MAC ${look.mac[this.test].toFixed(3)}.`;
+    this.note.textContent = `${look.note}${beside} ${how}${coarse}`;
   }
 
   /** The model's axes in a corner. */
@@ -282,7 +334,7 @@ class View {
     pen.clearRect(0, 0, 128, 128);
     pen.lineWidth = 3;
     pen.font = "24px sans-serif";
-    pen.textAlign = pen.textBaseline = "center";
+    pen.textAlign = "center";
     pen.textBaseline = "middle";
     ["#d55e00", "#009e73", "#0072b2"].forEach((colour, k) => {
       pen.strokeStyle = pen.fillStyle = colour;
@@ -297,6 +349,55 @@ class View {
     this.button.textContent = on ? "Pause" : "Play";
     if (!on) this.phase = 1;
     this.draw();
+  }
+
+  /** Look from one of the standard directions. */
+  stand(number) {
+    const [yaw, tilt] = Object.values(VIEWS)[number];
+    Object.assign(this, { yaw, tilt, zoom: 1, moved: [0, 0] });
+    this.draw();
+  }
+
+  /** The canvas as it is now on the page's own ground, with the name of what is shown. */
+  snapshot(scale) {
+    const { width, height } = this.canvas, style = getComputedStyle(document.documentElement);
+    const made = element("canvas", document.createDocumentFragment(), {
+      width: Math.round(width * scale), height: Math.round(height * scale) });
+    const pen = made.getContext("2d");
+    pen.fillStyle = style.getPropertyValue("--paper");
+    pen.fillRect(0, 0, made.width, made.height);
+    pen.drawImage(this.canvas, 0, 0, made.width, made.height);
+    pen.fillStyle = style.getPropertyValue("--ink");
+    pen.font = `${Math.round(14 * scale * width / this.root.clientWidth)}px sans-serif`;
+    pen.fillText(this.look.name, 8, made.height - 10);
+    return made;
+  }
+
+  get file() {
+    return this.look.name.replace(/[^A-Za-z0-9]+/g, "_").slice(0, 60) || "view";
+  }
+
+  picture() {
+    this.paint(performance.now());
+    save(this.snapshot(1).toDataURL("image/png"), `${this.file}.png`);
+  }
+
+  /** One period of the motion as a GIF. */
+  movie() {
+    const { playing, phase } = this, scale = Math.min(1, WIDEST / this.canvas.width), frames = [];
+    this.playing = 0;
+    for (let i = 0; i < FRAMES; i++) {
+      this.phase = Math.sin(2 * Math.PI * i / FRAMES);
+      this.paint(0);
+      const made = this.snapshot(scale);
+      frames.push(made.getContext("2d").getImageData(0, 0, made.width, made.height));
+    }
+    Object.assign(this, { playing, phase });
+    this.draw();
+    const made = gif(frames, 8), address = URL.createObjectURL(made);
+    save(address, `${this.file}.gif`);
+    setTimeout(() => URL.revokeObjectURL(address), 1000);
+    return made;
   }
 
   // -- pointer and keys --------------------------------------------------------------------
@@ -335,8 +436,9 @@ class View {
       const act = { ArrowLeft: () => this.rotate(-0.12, 0), ArrowRight: () => this.rotate(0.12, 0),
         ArrowUp: () => this.rotate(0, -0.12), ArrowDown: () => this.rotate(0, 0.12),
         "+": () => { this.zoom *= 1.15; }, "-": () => { this.zoom /= 1.15; },
-        " ": () => this.button && this.play(!this.playing) }[event.key];
-      if (!act) return;
+        " ": () => this.button && this.play(!this.playing) }[event.key]
+        || ("1" <= event.key && event.key <= "4" && (() => this.stand(event.key - 1)));
+      if (!act || event.ctrlKey || event.altKey || event.metaKey) return;
       event.preventDefault();
       act();
       this.draw();
@@ -364,6 +466,7 @@ class View {
     const lift = this.lift(), [a, b] = this.moved || [0, 0], reach = (9 / half) ** 2;
     let best = -1, most = -9;
     for (let i = 0; i < this.scene.n; i++) {
+      if (this.hidden.size && this.hidden.has(this.levels[i])) continue;
       const [x, y, z] = this.drawn(i, m, swing, lift);
       const off = (a + this.scale * (x - this.middle[0]) - at[0]) ** 2
         + (b + this.scale * (y - this.middle[1]) - at[1]) ** 2;
@@ -388,10 +491,26 @@ class View {
       const dot = [0, 1, 2].reduce((s, k) => s + look.moved[3 * i + k] * look.way[k], 0) / 32767;
       parts.push(`${dot.toFixed(2)} of the largest`);
     }
-    const place = [0, 1, 2].map(k =>
-      digits(scene.middle_mm[k] + scene.unit_mm * points[3 * i + k] / 32767)).join(", ");
+    const known = Math.max(0, -Math.ceil(Math.log10(scene.unit_mm / 32767)));
+    const place = [0, 1, 2].map(k => String(Number(
+      (scene.middle_mm[k] + scene.unit_mm * points[3 * i + k] / 32767).toFixed(known)) + 0)).join(", ");
     return [...parts, `at (${place}) mm`].join(" · ");
   }
+}
+
+// A value of the MAC shows its two shapes.
+for (const cell of document.querySelectorAll("td[data-pair]")) {
+  const show = () => {
+    const stage = [...document.querySelectorAll(".stage.live")].find(s => s.view?.scene.tests.length);
+    if (!stage) return;
+    const [test, look] = cell.dataset.pair.split(",").map(Number);
+    stage.view.choose(look, test);
+    stage.scrollIntoView({ block: "center" });
+  };
+  cell.tabIndex = 0;
+  cell.setAttribute("role", "button");
+  cell.onclick = show;
+  cell.onkeydown = event => { if (event.key === "Enter") show(); };
 }
 
 for (const stage of document.querySelectorAll(".stage")) {

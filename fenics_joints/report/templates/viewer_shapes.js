@@ -1,4 +1,3 @@
-"use strict";
 // What the views draw with: shaders, and shapes from the numbers in the page.
 const CORNER = `#version 300 es
 in vec3 position; in vec3 motion; in float value; in float level;
@@ -30,12 +29,6 @@ const product = (a, b) => Array.from({ length: 9 }, (_, k) =>
   + a[3 * (k / 3 | 0) + 2] * b[k % 3 + 6]);
 const rgb = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16) / 255);
 const digits = x => String(Number(x.toPrecision(3)));
-
-function element(kind, into, properties = {}) {
-  const made = Object.assign(document.createElement(kind), properties);
-  into.append(made);
-  return made;
-}
 
 /** Triangles of faces, and their edges: those of one face alone bound something. */
 function split(faces, corners) {

@@ -1,0 +1,37 @@
+"use strict";
+// What every page has: elements, files to take along, and an order for paper.
+function element(kind, into, properties = {}) {
+  const made = Object.assign(document.createElement(kind), properties);
+  into.append(made);
+  return made;
+}
+
+/** Let the reader save what an address holds. */
+function save(address, name) {
+  const link = element("a", document.body, { href: address, download: name });
+  link.click();
+  link.remove();
+}
+
+// On paper all that is folded away stands at the end, as an appendix.
+const moved = [];
+addEventListener("beforeprint", () => {
+  const folded = [...document.querySelectorAll("main details")].filter(d => !d.parentElement.closest("details"));
+  if (moved.length || !folded.length) return;
+  const appendix = element("section", document.querySelector("main"), { id: "appendix" });
+  element("h2", appendix, { textContent: "Appendix" });
+  for (const block of folded) {
+    const place = document.createComment("");
+    block.replaceWith(place);
+    moved.push([place, block, block.open]);
+    block.open = true;
+    appendix.append(block);
+  }
+});
+addEventListener("afterprint", () => {
+  for (const [place, block, open] of moved.splice(0)) {
+    place.replaceWith(block);
+    block.open = open;
+  }
+  document.getElementById("appendix")?.remove();
+});
