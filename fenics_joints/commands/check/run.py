@@ -202,7 +202,12 @@ class Checked:
 
 
 def run_check(
-    path: str | Path, comm: MPI.Intracomm, progress: Progress, *, large: bool = False
+    path: str | Path,
+    comm: MPI.Intracomm,
+    progress: Progress,
+    *,
+    large: bool = False,
+    changes: Sequence[str] = (),
 ) -> Outcome[Checked]:
     """Check a case. Collective.
 
@@ -211,8 +216,9 @@ def run_check(
         comm: Communicator.
         progress: Told what is being done.
         large: Whether the mesh is made even if the model seems too large for the machine.
+        changes: Keys of the case with other values, see `load_case`.
     """
-    found = check_case(path, comm, progress, large=large)
+    found = check_case(path, comm, progress, large=large, changes=changes)
     n = len(found.errors)
     failure = f"{found.path}: {n} {'error' if n == 1 else 'errors'}, listed above" if n else None
     return Outcome(found, check_document(found), failure)
@@ -225,10 +231,11 @@ def check_case(
     *,
     large: bool = False,
     solve: bool = True,
+    changes: Sequence[str] = (),
 ) -> Checked:
     """The result that `run_check` shows, without the model's modes if ``solve`` is false."""
     progress.step("reading the case")
-    examined = comm.bcast(on_root(comm, lambda: examine_case(path)))
+    examined = comm.bcast(on_root(comm, lambda: examine_case(path, changes)))
     find_again(comm.bcast(references()), examined.path.parent)
     case = examined.case
     if case is None:

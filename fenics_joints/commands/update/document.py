@@ -21,7 +21,7 @@ from fenics_joints.measurements import Target
 from fenics_joints.modal.modes import Modes
 from fenics_joints.reduction.frf_basis import paired
 from fenics_joints.report import document as doc
-from fenics_joints.report.mesh_pictures import Shape, largest_axis, measured_arrows, shapes_view
+from fenics_joints.report.mesh_pictures import MeasuredModes, Shape, largest_axis, shapes_view
 from fenics_joints.report.panels import frequency_panels, parameter_panels
 from fenics_joints.report.tables import facts_table, frequency_table, heat_table, mac_table
 from fenics_joints.structure import Structure
@@ -385,18 +385,15 @@ def updated_shapes(
         return None
 
     def blocks() -> list:
-        shapes = []
+        measured, shapes = None, []
+        if seen is not None and sensors.points.shape[1] == 3:
+            measured = MeasuredModes(table.names, sensors, test)
         for j, (i, motion) in enumerate(zip(pairing.index, motions, strict=True)):
-            title, more = f"{table.names[j]}, {hertz(float(modes.frequencies_hz[i]))} Hz", {}
-            if seen is not None and sensors.points.shape[1] == 3:
-                known, model = np.nan_to_num(test[:, j]), seen[:, j]
-                scale = known @ model / max(known @ known, 1e-300)
-                more["arrows"] = measured_arrows(sensors, scale * test[:, j], model)
-                alike = "" if table.mac_after is None else f"; MAC {table.mac_after[j, j]:.3f}"
-                more["note"] = f"The test beside it, in the scale that brings both nearest{alike}."
-            shapes.append(Shape(title, motion, largest_axis(motion), **more))
+            title = f"{table.names[j]}, {hertz(float(modes.frequencies_hz[i]))} Hz"
+            at_sensors = None if measured is None else seen[:, j]
+            shapes.append(Shape(title, motion, largest_axis(motion), at_sensors, j))
         heading = doc.Heading("Shapes of the updated model", "shapes", level=3)
-        return [heading, shapes_view(vertices, shapes, _STILLS)]
+        return [heading, shapes_view(vertices, shapes, _STILLS, measured=measured)]
 
     return blocks
 
@@ -442,8 +439,8 @@ def _functions(functions: Functions) -> list:
         words = f"{shown} of {len(rows)} FRFs: those held out, then the worst fits. "
     words += "Ticks mark the fitted lines, most of them where the FRFs change most."
     return [
-        doc.Heading("Functions", "functions"),
-        doc.Figure(lambda: function_charts(functions), words),
+        doc.Heading("Frequency response functions", "functions"),
+        doc.OnPage(lambda: [function_charts(functions), doc.Text(words, "note")]),
         levels,
         doc.Folded("Each FRF", [each]),
     ]
