@@ -121,7 +121,7 @@ def test_chains_that_did_not_converge(tmp_path, capfd, monkeypatch):
     run = CliRunner().invoke(app, command)
     assert run.exit_code == 1
     errors = capfd.readouterr().err
-    assert "the chains did not converge (lap.k1" in errors and "goes on from there" in errors
+    assert "the chains did not converge (lap.k1" in errors and "continues them" in errors
     content, page = json.loads(files[0].read_text(encoding="utf-8")), files[1].read_text("utf-8")
     assert content["converged"] is False and content["problems"]
     assert content["frequencies"] == [] and content["sampler"]["samples"] == 900
