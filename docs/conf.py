@@ -79,6 +79,14 @@ def setup(app):
     mathml.setup(app)
     prose.setup(app)
     app.config.intersphinx_mapping = _inventories(Path(app.outdir).with_name("inventories"))
+    app.connect("html-collect-pages", _only_read, priority=100)
+
+
+def _only_read(app) -> tuple[()]:
+    """Leave modules that viewcode could not parse out of its index: they have no page."""
+    read = app.env._viewcode_modules
+    app.env._viewcode_modules = {name: entry for name, entry in read.items() if entry}
+    return ()
 
 
 def _inventories(folder: Path) -> dict:
