@@ -106,7 +106,7 @@ def test_all_at_once(tmp_path, write_case, keeps_rules):
     (tmp_path / "case.toml").write_text(text, encoding="utf-8")
     outcome = run_check(tmp_path, MPI.COMM_SELF, Progress(silent=True))
     found = outcome.result
-    keeps_rules(outcome.page())
+    keeps_rules(outcome.page().html())
     errors, notes = "\n".join(found.errors), "\n".join(found.notes)
     assert "test.noise[0] = '0.3 kg'" in errors
     assert "joints.away.thickness = '1 mm': unknown key" in errors
@@ -238,7 +238,7 @@ def test_hopeless_files(tmp_path):
         (tmp_path / "case.toml").write_text(text, encoding="utf-8")
         outcome = run_check(tmp_path, MPI.COMM_SELF, Progress(silent=True))
         assert words in "\n".join(outcome.result.errors) and outcome.failure
-        assert words in outcome.page() and outcome.json()["errors"]
+        assert words in outcome.page().html() and outcome.json()["errors"]
 
 
 def test_what_can_be_read_is(tmp_path, write_case):
