@@ -529,8 +529,8 @@ def _measured_stills(
     if not pairs:
         return []
     words = (
-        "Arrows at the sensors: thin and blue what the test measured, thick and orange the "
-        "model, in the scale that brings both nearest."
+        "Arrows at the sensors: thin and blue the test, thick and orange the model, scaled to fit "
+        "best."
     )
     heading = doc.Heading("Measured and computed shapes", level=3)
     return [heading, doc.Beside("shapes", pairs), doc.Text(words, "note")]
