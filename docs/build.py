@@ -2,9 +2,10 @@
 
 Into ``build/docs`` unless told otherwise, with Sphinx, MyST and furo (``fenics-joints[docs]``),
 from the Markdown pages of the repository, docstrings, the case file's schema and the demos. It
-needs no network; with one, types of other packages are links to their documentation. Notebooks, and demos that take less than a minute, are run; with ``--all`` every
-demo, with ``--static`` none is. With ``--links`` nothing is built: links that lead elsewhere are
-followed, which takes a network.
+needs no network; with one, types of other packages are links to their documentation. Notebooks,
+and demos that take less than a minute, are run; with ``--all`` every demo, with ``--static`` none
+is. With ``--links`` nothing is built: links that lead elsewhere are followed, which takes a
+network.
 """
 
 from __future__ import annotations

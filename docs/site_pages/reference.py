@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 from pathlib import Path
 
@@ -86,7 +87,7 @@ def _of_a_builder(properties: dict) -> dict[str, str]:
 
     builder = getattr(BUILDERS.get(properties.get("builder", {}).get("const")), "made_by", None)
     return {
-        field.name: f"`{field.default}`"
+        field.name: f"`{json.dumps(field.default)}`"
         for field in (() if builder is None else dataclasses.fields(builder))
         if field.default not in (dataclasses.MISSING, None)
     }
@@ -137,4 +138,4 @@ def _default(key: str, schema: dict, kind: dict) -> str:
         return ""
     if isinstance(value, dict):
         return "see there"
-    return f"`{str(value).lower() if isinstance(value, bool) else value}`"
+    return f"`{json.dumps(value)}`"
