@@ -269,6 +269,7 @@ def _command(
         notes = _say_unusual(comm, case, name)
         run = provenance(comm, case, given.changes)
         with Progress(silent=comm.rank != 0) as progress:
+            progress.outline((), _expected(case, command, comm.size))
             outcome = getattr(commands, name)(case, comm, progress, **options)
             finish = written(comm, command, outcome, given, progress, run, notes)
         finish()
@@ -289,6 +290,20 @@ def _check_size(comm, case: Case, name: str, options: dict, large: bool) -> None
     on_root(
         comm, lambda: check_size(meshed, method=method, ranks=comm.size, hosts=hosts, large=large)
     )
+
+
+#: Seconds from which the end of a command is told.
+_LONG = 20.0
+
+
+def _expected(case: Case, command: str, ranks: int) -> float | None:
+    """Seconds that a command will roughly take; None for few, or where nobody knows."""
+    from fenics_joints.case import estimate
+    from fenics_joints.commands.check.costs import costs_of
+
+    costs = costs_of(case, estimate(case, ranks=ranks), None, ranks)
+    seconds = next((cost.seconds for cost in costs if cost.command == command), 0.0)
+    return seconds if seconds > _LONG else None
 
 
 #: Commands whose own notes include the notes on the test's files.

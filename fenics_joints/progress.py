@@ -7,6 +7,7 @@ import resource
 import sys
 import time
 from collections.abc import Sequence
+from datetime import datetime, timedelta
 from typing import TextIO
 
 #: Where launchers say the rank, before MPI itself is started.
@@ -81,6 +82,7 @@ class Progress:
         self._begun = self._entered = 0.0
         self._live = self._task = self._total = None
         self._done, self._text, self._said = 0, "", 0.0
+        self._stages: Sequence[str] = ()
 
     def __enter__(self) -> Progress:
         _contexts.append(self)
@@ -103,12 +105,34 @@ class Progress:
             print(f"all: {time.monotonic() - self._entered:.1f} s, {_peak()}", file=self._stream)
         self._open = False
 
-    def outline(self, stages: Sequence[str]) -> None:
-        """Say at the start what is to come, in order."""
-        if self._open:
-            show = print if self._live is None else self._live.console.print
-            more = {"file": self._stream} if self._live is None else {"markup": False}
-            show("to do: " + "; ".join(stages), **more)
+    def outline(self, stages: Sequence[str], seconds: float | None = None) -> None:
+        """Say at the start what is to come, in order, and when it will roughly end.
+
+        Args:
+            stages: What `stage` is called with later; none where only the end is told.
+            seconds: How long all will take; None where nobody knows.
+        """
+        self._stages = stages or self._stages
+        if stages:
+            self._tell("stages: " + "; ".join(f"{i}. {s}" for i, s in enumerate(stages, 1)))
+        if seconds is not None:
+            end = datetime.now() + timedelta(seconds=seconds)
+            self._tell(f"expected end: {end:%H:%M}, in {_span(seconds)} (a rough estimate)")
+
+    def stage(self, name: str) -> None:
+        """Begin a stage of the outline; what has not been announced is not told."""
+        if name in self._stages:
+            so_far = _span(time.monotonic() - self._entered)
+            place = f"stage {self._stages.index(name) + 1} of {len(self._stages)}"
+            self._tell(f"{place}: {name} ({so_far} so far)")
+
+    def _tell(self, line: str) -> None:
+        if not self._open:
+            return
+        if self._live is None:
+            print(line, file=self._stream, flush=True)
+        else:
+            self._live.console.print(line, markup=False, highlight=False)
 
     def step(self, text: str, total: int | None = None) -> None:
         """Begin the next step.
@@ -136,7 +160,9 @@ class Progress:
         self._done += n
         if self._live is not None:
             if self._task is not None:
-                self._live.update(self._task, advance=n, description=f"{self._text}{note}")
+                known = self._total if self._done <= (self._total or 0) else None
+                words = f"{self._text}{note}"
+                self._live.update(self._task, total=known, advance=n, description=words)
             return
         now = time.monotonic()
         if now - self._said > self.interval:
@@ -161,6 +187,11 @@ class Progress:
         if self._task is not None:
             self._live.update(self._task, total=1, completed=1)
             self._live.stop_task(self._task)
+
+
+def _span(seconds: float) -> str:
+    """A time in minutes and seconds."""
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
 def _peak() -> str:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gc
+import json
 import shutil
 import sys
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -53,6 +55,30 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
     mpi = sys.modules.get("mpi4py.MPI")
     if mpi is not None and mpi.Is_initialized():
         mpi.COMM_WORLD.barrier()
+
+
+@pytest.fixture(autouse=True)
+def results_keep_to_their_schema(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every result that a command writes in this process has the keys of its schema."""
+    if "fenics_joints.files" not in sys.modules or find_spec("jsonschema") is None:
+        return
+    from fenics_joints import files
+
+    write = files.json_text
+
+    def checked(content):
+        if {"schema", "run"} <= set(content):
+            import jsonschema
+
+            from fenics_joints.commands.results import result_schema
+
+            schema = result_schema(content["schema"].split()[1])
+            assert set(content) <= set(schema["properties"])
+            if content["run"]:  # on rank 0
+                jsonschema.validate(json.loads(write(content)), schema)
+        return write(content)
+
+    monkeypatch.setattr(files, "json_text", checked)
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from fenics_joints.report.document import Document
-    from fenics_joints.report.html import Page
+    from fenics_joints.report.html import DocumentPage
 
 Result = TypeVar("Result")
 
@@ -37,13 +37,13 @@ class Outcome(Generic[Result]):
         """The content of the JSON file. Called on every rank."""
         return self.document.data()
 
-    def page(self, notes: Sequence[str] = ()) -> Page:
+    def page(self, notes: Sequence[str] = ()) -> DocumentPage:
         """The page, with what is unusual in the case. Collective."""
         from fenics_joints.report.document import OnPage, Remarks
-        from fenics_joints.report.html import Page
+        from fenics_joints.report.html import DocumentPage
 
         unusual = OnPage([Remarks("Unusual in the case", notes, id="unusual")])
-        return Page.of(replace(self.document, blocks=[unusual, *self.document.blocks]))
+        return DocumentPage.of(replace(self.document, blocks=[unusual, *self.document.blocks]))
 
     def summary(self, console: Console) -> None:
         """Print it on one screen. Called on rank 0."""

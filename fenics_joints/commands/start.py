@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from fenics_joints.commands.outcome import Outcome
     from fenics_joints.progress import Progress
 
-#: Of the keys of the JSON files: one more whenever a key goes or changes its meaning.
-RESULTS_VERSION = 1
-
 
 def new(
     folder: Annotated[
@@ -48,7 +45,8 @@ def new(
     ] = None,
     beams: Annotated[bool, typer.Option("--beams", help="Lapped beams, without a mesh.")] = False,
     builder: Annotated[
-        str | None, typer.Option("--builder", metavar="NAME", help="A builder, such as half_lap_beam.")
+        str | None,
+        typer.Option("--builder", metavar="NAME", help="A builder, such as half_lap_beam."),
     ] = None,
     frequencies: Annotated[
         Path | None, file_option("--frequencies", "A table with a column for each mode.")
@@ -183,18 +181,27 @@ def check(case: CaseArgument) -> None:
         finish()
 
 
-def schema(debug: DebugOption = False) -> None:
-    """The JSON schema of a case file, for editors that complete and check the file.
+def schema(
+    of: Annotated[
+        str | None,
+        typer.Option("--of", metavar="COMMAND", help="Of a command's --json instead of a case."),
+    ] = None,
+    debug: DebugOption = False,
+) -> None:
+    """The JSON schema of a case file, for editors that complete and check what is typed.
 
     Put it into a file, and name that in the first line of case.toml: #:schema case.schema.json
+    With --of it is that of the results of check, modes, preload, update, bayes (update --bayes),
+    harmonic, diagnose or plan (diagnose --plan).
     """
     from fenics_joints.parallel import guarded
 
     with guarded(debug):
         from fenics_joints.case.schema import case_schema
+        from fenics_joints.commands.results import result_schema
         from fenics_joints.files import json_text
 
-        typer.echo(json_text(case_schema()), nl=False)
+        typer.echo(json_text(case_schema() if of is None else result_schema(of)), nl=False)
 
 
 def written(
@@ -221,6 +228,7 @@ def written(
         What writes the files and shows the outcome, once no progress is shown any more; then it
         fails, where the outcome says that it is none.
     """
+    from fenics_joints.commands.results import VERSION
     from fenics_joints.errors import ConvergenceError
     from fenics_joints.files import json_text, shown_path, writable_folder, write_text
     from fenics_joints.parallel import on_root
@@ -233,7 +241,7 @@ def written(
     if paths := [path for path in wanted["json"] if path is not None]:
         made = outcome.json()
         said = dict.fromkeys([*notes, *made.get("notes", ())])
-        head = {"schema": f"fenics-joints {command} {RESULTS_VERSION}", "run": run}
+        head = {"schema": f"fenics-joints {command} {VERSION}", "run": run}
         text = json_text({**head, **made, "notes": list(said)})
         contents += [(path, text) for path in paths]
     pages = [path for path in wanted["html"] if path is not None]

@@ -61,7 +61,7 @@ _WRONG = 2
 _PLACES = 240
 #: What a diagnosis does, in order.
 _STAGES = (
-    "reduce the model, or read it from --keep: most of the time of a first run",
+    "reduce the model, or read it from --keep",
     "compute the probability of each effect, alone and with others",
     "repeat the choice and the fit with data held out",
     "locate the error, and find the most useful further measurements",
@@ -152,6 +152,7 @@ def diagnose(
     progress = progress or Progress(silent=True)
     started = time.perf_counter()
     progress.outline(_STAGES)
+    progress.stage(_STAGES[0])
     # Matrices of this size are too small for a second BLAS thread to be worth waking; a second
     # MPI rank is.
     with threadpool_limits(1):
@@ -183,6 +184,7 @@ class _Answer:
 
     def diagnosis(self) -> Diagnosis:
         """Weigh all effects, hold data out, locate the gap. Collective."""
+        self.progress.stage(_STAGES[1])
         fits = self.search.run()
         fits = with_simulated(fits, self.search.scores(fits), self.evidence)
         order, probability = self.search.ranked(fits)
@@ -201,6 +203,7 @@ class _Answer:
         wrong, causes = is_wrong(fits, leader, touched, alike), {}
         if verdict in NAMED:
             causes = several_causes(fits, probability, effects, grouped, alike)
+        self.progress.stage(_STAGES[2])
         shrink = self._shrink(fits, wrong, causes)
         if verdict in NAMED:
             other = float(probability[[f.hypothesis.unknown for f in fits]].sum())
@@ -214,6 +217,7 @@ class _Answer:
         verdict, summary = confirm(verdict, summary, shrink)
         verdict, summary = with_strangers(verdict, summary, self.model.without_partner)
         ratios = leader.log_damping
+        self.progress.stage(_STAGES[3])
         self.progress.step("locating the error")
         plain = replace(self.model, evidence=self.evidence.as_it_is, data=self.data.as_it_is)
         location = locate_gap(plain, n_patches=self.given.diagnose.patches)

@@ -26,7 +26,7 @@ _SCRIPTS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Page:
+class DocumentPage:
     """A document with what is made for its page.
 
     Attributes:
@@ -38,10 +38,10 @@ class Page:
     blocks: Sequence[object] | None
 
     def __repr__(self) -> str:
-        return f"Page({self.document.title!r}, {len(self.blocks or ())} blocks)"
+        return f"DocumentPage({self.document.title!r}, {len(self.blocks or ())} blocks)"
 
     @classmethod
-    def of(cls, document: Document) -> Page:
+    def of(cls, document: Document) -> DocumentPage:
         """The page of a document. Collective where its pictures are."""
         return cls(document, _on_page(document.blocks))
 
@@ -85,7 +85,7 @@ def _on_paper(title: str, run: Mapping[str, object]) -> str:
 
 def as_page(document: Document) -> str:
     """A document as a page; empty on ranks that make none. Collective where its pictures are."""
-    return Page.of(document).html()
+    return DocumentPage.of(document).html()
 
 
 def _on_page(blocks: Sequence[object]) -> list[object] | None:

@@ -123,6 +123,7 @@ def test_command_writes_the_same_on_any_number_of_ranks_and_goes_on_from_branche
         assert found.exit_code == 0, found.output
         MPI.COMM_WORLD.barrier()
         contents.append(json.loads(Path(files[0]).read_text(encoding="utf-8")))
+        assert contents[-1].pop("run")["ranks"] == MPI.COMM_WORLD.size
     # The structure's modes are solved anew, branches are not.
     rest = [c.pop("frequencies_at_rest_hz") for c in contents]
     assert rest[1] == pytest.approx(rest[0], rel=1e-9) and contents[0] == contents[1]

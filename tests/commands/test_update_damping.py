@@ -125,7 +125,7 @@ def test_taken_by_default_where_damping_is_sought(measured, tmp_path):
     assert rows[3]["damping_error_after_percent"] == pytest.approx(after, abs=1e-4)
     assert rows[6]["damping_test"] is None and not rows[6]["damping_fitted"]
     assert outcome.json()["held_modes"][0]["damping_error_percent"] is None
-    page = outcome.page()
+    page = outcome.page().html()
     assert 'id="damping-ratios"' in page and 'id="damping-after"' in page
     assert f">{percent(after / 100, 1, sign=True)}<" in page
     assert "The error of the frequencies went from" in page

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import json
 import shutil
 import threading
@@ -112,6 +113,29 @@ class Browser:
             "v.nodes.map(n => `${v.id}: ${n.html.slice(0, 120)} ${n.failureSummary}`)))"
         )
         return found[:12]
+
+    def picture(self, page: Path, target: Path, size: tuple[int, int], element: str = "") -> None:
+        """Write what a page shows as PNG.
+
+        Args:
+            page: Its file.
+            target: The picture.
+            size: Width of the page and height of the picture, pixels.
+            element: Selector of the element that is shown whole instead of the top.
+        """
+        width, height = size
+        self.show(page, width=width)
+        self.until("[...document.querySelectorAll('.stage')].every(s => s.matches('.live'))")
+        clip = {"x": 0, "y": 0, "width": width, "height": height, "scale": 1}
+        if element:
+            box = self.js(
+                f"(b => [b.x, b.y + scrollY, b.width, b.height])"
+                f"(document.querySelector({json.dumps(element)}).getBoundingClientRect())"
+            )
+            clip.update(zip(("x", "y", "width", "height"), box, strict=True))
+        self._run(asyncio.sleep(1.0))  # until what scripts draw is there
+        found = self._send("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)
+        target.write_bytes(base64.b64decode(found["result"]["data"]))
 
     def check(self, text: str, folder: Path) -> None:
         """Fail if a page breaks a rule, in light or dark, or does not fit a phone or paper."""

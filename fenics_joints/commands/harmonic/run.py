@@ -53,6 +53,24 @@ _PLACED = 3
 _LOOP_STEPS = 24
 
 
+#: Stages of the command, of which some are for some cases only.
+_BUILD, _IDENTIFY = "build and reduce the model", "identify the joint's parameters"
+_RESPOND, _BACKBONE = "responses at all levels", "the mode over its amplitude"
+_STABILITY = "stability of the responses"
+
+
+def _stages(case: Case) -> list[str]:
+    h = case.harmonic
+    there = {
+        _BUILD: True,
+        _IDENTIFY: h.identify is not None,
+        _RESPOND: True,
+        _BACKBONE: h.backbone or h.quasi_static != "no",
+        _STABILITY: h.bifurcations != "no",
+    }
+    return [name for name, wanted in there.items() if wanted]
+
+
 def run_harmonic(
     case: Case, comm: MPI.Intracomm, progress: Progress, *, branches: Path | None = None
 ) -> Outcome[HarmonicReport]:
@@ -70,6 +88,8 @@ def run_harmonic(
     """
     if branches is not None:
         on_root(comm, lambda: writable_folder(branches, "--branches"))
+    progress.outline(_stages(case))
+    progress.stage(_BUILD)
     built = harmonic_model(case, comm, progress)
     if branches is not None:
         band = case.harmonic.band
@@ -84,15 +104,18 @@ def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> Harmo
     h, curves = case.harmonic, case.curves()
     started = time.perf_counter()
     equations = {"harmonics": h.harmonics, "samples": h.samples, "sensor": SENSOR, "comm": comm}
+    progress.stage(_IDENTIFY)
     identified = _identify(case, built, equations, progress)
     if identified:
         built = replace(built, model=identified[-1].model)
     common = {**equations, "progress": progress}
+    progress.stage(_RESPOND)
     built, responses = _responses(case, built, branches, common)
     facts = tuple(_facts(r, h.response, curves) for r in responses)
     reach = [f.peak_displacement_m for f in facts]
     span, near = (_BELOW * min(reach), _ABOVE * max(reach)), float(built.frequencies_hz[built.mode])
     backbone, predictions = None, ()
+    progress.stage(_BACKBONE)
     if h.backbone:
         kept = _kept(branches, "backbone")
         with warnings.catch_warnings():
@@ -103,6 +126,7 @@ def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> Harmo
         progress.step("responses at the measured frequencies", len(curves.levels))
         points = h.identify.points if h.identify else IdentifySection.model_fields["points"].default
         predictions = predict(built.model, curves, force=FORCE, points=points, **equations)
+    progress.stage(_STABILITY)
     stability = level_stability(h.bifurcations, responses, progress)
     seconds = time.perf_counter() - started
     return HarmonicReport(

@@ -89,7 +89,12 @@ def altered(name: str, factor: float) -> Effect:
 
 
 def measured_by(
-    model: Prepared, evidence: Evidence, forward: ModalPrediction | None = None, **changes
+    model: Prepared,
+    evidence: Evidence,
+    forward: ModalPrediction | None = None,
+    *,
+    other_modes: bool = False,
+    **changes,
 ) -> Measurement:
     """A test of a case as a `Measurement`.
 
@@ -98,11 +103,16 @@ def measured_by(
         evidence: The test's layout, noise and discrepancy; its values do not count, unless they are
             nan.
         forward: Predicts frequencies and shapes; the model's own by default.
+        other_modes: Whether its modes are not those of the planned test, in which some may be
+            exchanged or missed.
         changes: Of the `Hypothesis` without effects.
     """
     used, forward = evidence.fitted, forward or model.forward
 
     def predicted(hypothesis, z, baseline):
+        if other_modes:
+            read = tuple(replace(e, sensing=None) for e in hypothesis.effects)
+            hypothesis = replace(hypothesis, effects=read)
         values, slopes = ManyPredictions(hypothesis, forward, evidence, baseline).at(z)
         return values[used], slopes[used]
 
@@ -299,7 +309,7 @@ class Candidates:
             scalars=(),
             mesh_error=None if error is None else np.full(n, error.max()),
         )
-        further = measured_by(self.model, more, forward)
+        further = measured_by(self.model, more, forward, other_modes=True)
         return self.study.test.beside(further.predict, further.covariance)
 
     def _conditions(self) -> Iterator[Candidate]:
