@@ -17,7 +17,7 @@ from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.where.score_tests import ZoneShare
 from fenics_joints.errors import member
-from fenics_joints.files import plain
+from fenics_joints.files import dataframe, plain
 from fenics_joints.formatting import html_table, percent, probability
 from fenics_joints.measurements.gap import Gap
 
@@ -226,21 +226,31 @@ class Diagnosis:
         Raises:
             InputError: If ``of`` is something else.
         """
-        member("of", of, ("effects", "parameters"))
-        rows = (
-            [_effect(e) for e in self.effects]
-            if of == "effects"
-            else [
-                {"hypothesis": h.label, "probability": h.probability, **row}
-                for h in self.hypotheses
-                for row in h.parameters
-            ]
-        )
+        rows = self._rows(of)
         try:
             from pandas import DataFrame
         except ImportError:
             return rows
         return DataFrame(rows)
+
+    def _rows(self, of: str) -> list[dict]:
+        member("of", of, ("effects", "parameters"))
+        if of == "effects":
+            return [_effect(e) for e in self.effects]
+        return [
+            {"hypothesis": h.label, "probability": h.probability, **row}
+            for h in self.hypotheses
+            for row in h.parameters
+        ]
+
+    def to_dataframe(self, of: str = "effects"):
+        """`table` as a ``pandas.DataFrame``.
+
+        Raises:
+            InputError: If ``of`` is something else, or pandas is not installed.
+        """
+        rows = list(map(dict, self._rows(of)))
+        return dataframe({key: [row[key] for row in rows] for key in (rows[0] if rows else ())})
 
     @property
     def classes(self) -> list[tuple[str, float, tuple[EffectResult, ...]]]:

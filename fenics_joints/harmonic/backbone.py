@@ -18,6 +18,7 @@ import numpy as np
 import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError, real, reals, wanted
+from fenics_joints.files import dataframe
 from fenics_joints.formatting import hertz, html_table, number, percent
 from fenics_joints.harmonic.balance import Balance, BalanceOptions
 from fenics_joints.harmonic.continuation import (
@@ -94,6 +95,22 @@ class NonlinearMode(Periodic):
         ]
         head = ("modal amplitude, m kg^1/2", "Hz", "damping ratio")
         return html_table(f"Backbone, {self.method}: {self.end}", head, rows)
+
+    def to_dataframe(self):
+        """A ``pandas.DataFrame`` with modal_amplitude (m kg^1/2), displacement_m at the sensor,
+        frequency_hz and damping_ratio.
+
+        Raises:
+            InputError: If pandas is not installed.
+        """
+        return dataframe(
+            {
+                "modal_amplitude": self.modal_amplitudes,
+                "displacement_m": self.amplitude(),
+                "frequency_hz": self.frequencies_hz,
+                "damping_ratio": self.damping_ratios,
+            }
+        )
 
     def by_parameters(
         self, change: Callable[[Mapping[str, float]], InterfaceModel], values: Mapping[str, float]

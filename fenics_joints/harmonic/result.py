@@ -10,6 +10,7 @@ import numpy as np
 import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError, reals
+from fenics_joints.files import dataframe
 from fenics_joints.harmonic.balance import Balance, Load, load_work
 from fenics_joints.harmonic.fourier import amplitude, amplitude_gradient, differentiated
 from fenics_joints.interfaces.model import InterfaceModel, check_interfaces
@@ -337,6 +338,20 @@ class HarmonicResult(Periodic):
         p = a / self.force_amplitudes
         i = max((peak.index for peak in self.peaks), key=p.__getitem__, default=int(np.argmax(p)))
         return Peak(i, float(self.frequencies_hz[i]), float(a[i]))
+
+    def to_dataframe(self):
+        """A ``pandas.DataFrame`` with frequency_hz, force_n and displacement_m at the sensor.
+
+        Raises:
+            InputError: If pandas is not installed.
+        """
+        return dataframe(
+            {
+                "frequency_hz": self.frequencies_hz,
+                "force_n": self.force_amplitudes,
+                "displacement_m": self.amplitude(),
+            }
+        )
 
     def force_work(self) -> np.ndarray:
         """Work of the loads per cycle, J, (N,): all that interfaces and viscous damping take."""

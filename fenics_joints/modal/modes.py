@@ -23,6 +23,7 @@ from fenics_joints.errors import (
     wanted,
     whole,
 )
+from fenics_joints.files import dataframe
 from fenics_joints.formatting import hertz, html_table
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.modal.iterative import IterativeEigenSolver
@@ -132,6 +133,18 @@ class Modes:
             for i, f in enumerate(self.frequencies_hz)
         ]
         return html_table(f"{len(self)} modes", ("mode", "Hz", ""), rows)
+
+    def to_dataframe(self):
+        """A ``pandas.DataFrame`` with mode (from 1), frequency_hz and rigid_body.
+
+        Raises:
+            InputError: If pandas is not installed.
+        """
+        numbers = np.arange(1, len(self) + 1)
+        rigid = numbers <= self.n_rigid
+        return dataframe(
+            {"mode": numbers, "frequency_hz": self.frequencies_hz, "rigid_body": rigid}
+        )
 
     def at(self, sensors: Sensors) -> np.ndarray:
         """Mass-normalised shapes at sensors, kg^-1/2, shape (n_sensors, n)."""

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fenics_joints.errors import InputError, flag, member, wanted, whole
+from fenics_joints.files import dataframe
 from fenics_joints.modal.modes import Modes
 from fenics_joints.response.direct import DynamicStiffness
 from fenics_joints.response.modal_basis import (
@@ -90,6 +91,19 @@ class FRF:
     def unit(self) -> str:
         """Unit of the values, such as ``m/s2/N``."""
         return f"{MOTION[self.kind]}/N"
+
+    def to_dataframe(self):
+        """A ``pandas.DataFrame`` with a row for each line: frequency_hz and complex columns
+        ``sensor i, force j`` (from 1), in `unit`.
+
+        Raises:
+            InputError: If pandas is not installed.
+        """
+        columns = {
+            f"sensor {i + 1}, force {j + 1}": self.values[:, i, j]
+            for i, j in np.ndindex(self.values.shape[1:])
+        }
+        return dataframe({"frequency_hz": self.frequencies_hz, **columns})
 
     def to(self, kind: str) -> FRF:
         """The same response as another kind.

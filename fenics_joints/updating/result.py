@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_joints.files import dataframe
 from fenics_joints.formatting import html_table, number, percent, quantity
 from fenics_joints.modal.sensitivity import Identifiability
 from fenics_joints.reduction.frf_basis import ModelError
@@ -121,6 +122,16 @@ class Update:
         ]
         head = ("parameter", "start", "identified (SI)", "standard deviation")
         return html_table(f"Update, {self.message}", head, rows)
+
+    def to_dataframe(self):
+        """A ``pandas.DataFrame`` with parameter, start, value and sd, in SI units.
+
+        Raises:
+            InputError: If pandas is not installed.
+        """
+        return dataframe(
+            {"parameter": self.names, "start": self.start, "value": self.values, "sd": self.sd}
+        )
 
     def mapping(self) -> dict[str, float]:
         """The values by name."""

@@ -8,13 +8,14 @@ import re
 from urllib.parse import unquote
 
 import numpy as np
+import pytest
 from html_page import Page
 from matplotlib.figure import Figure
 
 from fenics_joints.files import plain
 from fenics_joints.formatting import MISSING
-from fenics_joints.report.document import Cell, Document, Table, records
-from fenics_joints.report.html import as_page
+from fenics_joints.report.document import Cell, Document, Folded, OnPage, Table, bar, records
+from fenics_joints.report.html import DocumentPage, as_page
 from fenics_joints.report.style import style, to_svg
 
 ROWS = records(
@@ -76,3 +77,36 @@ def test_names_are_text_and_powers_of_ten_are_not():
     assert text.count(r"cost $\frac{1$ &amp; &lt;b onclick=x&gt;") >= 4
     assert "mathdefault" not in re.sub("<!--.*?-->", "", text, flags=re.DOTALL)
     assert "<b " not in text and 'aria-label="&quot;cost' in text
+
+
+def test_every_table_of_a_document_has_a_file_of_its_own():
+    """Also those that are folded away, made for the page alone, or without a name."""
+    plain = Table("a | b", caption="Errors: by mode, <all>")
+    plain.add("x", "1")
+    again = Table("a | b", caption="Errors: by mode, <all>")
+    again.add("y", bar(0.25))
+    inside = OnPage(lambda: [Folded("more", [again])])
+    page = DocumentPage.of(Document("case", "result", blocks=[table(), plain, inside]))
+    assert list(page.tables()) == ["modes", "errors_by_mode_all", "errors_by_mode_all_2"]
+    assert page.html().count('class="csv"') == 3
+    assert read(page.tables()["errors_by_mode_all_2"].to_csv()) == [{"a": "y", "b": "0.25"}]
+    pytest.importorskip("pandas")
+    frame = page.tables()["modes"].to_dataframe()
+    assert frame["test_hz"][0] == 27.3456789 and frame["name"][0] == "=1+1"
+
+
+def test_a_page_says_what_it_comes_from():
+    run = {
+        "date": "2026-01-02T03:04:05+00:00",
+        "command": "fenics-joints modes <b>",
+        "changes": ["title='</style>'"],
+        "inputs": {"case.toml": "ab" * 32},
+        "inputs_sha256": "cd" * 32,
+        "seed": 7,
+        "ranks": 2,
+        **dict.fromkeys(("fenics_joints", "dolfinx", "petsc", "python"), "1.2.3"),
+    }
+    text = DocumentPage.of(Document("</style><b>", "result")).html(run)
+    for words in ("2026-01-02", "modes &lt;b&gt;", "cdcdcdcdcdcdcdcd", "2 ranks", "case.toml"):
+        assert words in text
+    assert text.count("</style>") == 1 and "<b>" not in text.partition("<main>")[2]

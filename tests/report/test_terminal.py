@@ -113,7 +113,7 @@ def test_a_step_says_what_is_left_of_it(monkeypatch):
         for clock[0] in (11.0, 22.0):
             progress.advance()
     assert stream.getvalue().splitlines() == [
-        "to do: read; solve",
+        "stages: 1. read; 2. solve",
         "solving ...",
         "solving: 1 of 5, about 44 s left",
         "solving: 2 of 5, about 33 s left",

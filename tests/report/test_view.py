@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import re
 
@@ -11,7 +12,8 @@ import pytest
 from cell_map import cells
 from matplotlib import colormaps
 
-from fenics_joints.report.document import Document, View
+from fenics_joints.report.chart import Curve, curve_chart
+from fenics_joints.report.document import Document, Folded, Text, View
 from fenics_joints.report.html import as_page
 from fenics_joints.report.surface import coarsened, surface
 from fenics_joints.report.view import Arrows, Colours, SurfaceView, scene
@@ -62,10 +64,13 @@ def test_a_coarser_surface_has_vertices_that_were_there_and_is_closed():
 
 def looks(s) -> list[SurfaceView]:
     moved = s.points * [0.0, 0.0, 1.0]
+    more = {"scales": [1.0, -2.0], "mac": [0.5, 0.25], "match": 0}
     arrows = [Arrows("measured", "#009e73", s.points[:2], moved[:2])]
     colours = Colours(colormaps["RdBu_r"], "low", "high", HOSTILE)
     return [
-        SurfaceView("moves", colours, motion=moved, way=np.array([0.0, 0.0, 1.0]), arrows=arrows),
+        SurfaceView(
+            "moves", colours, motion=moved, way=np.array([0.0, 0.0, 1.0]), arrows=arrows, **more
+        ),
         SurfaceView(
             HOSTILE,
             colours,
@@ -79,7 +84,9 @@ def looks(s) -> list[SurfaceView]:
 def page() -> str:
     found = cells()
     whole = surface(found.vertices, found.region, found.region)
-    view = scene(whole, looks, HOSTILE, apart=True)
+    tests = [Arrows(HOSTILE, "#009e73", whole.points[:2], whole.points[:2]) for _ in range(2)]
+    parts = [f"{HOSTILE} {i}" for i in range(1 + whole.level.max())]
+    view = scene(whole, looks, HOSTILE, apart=True, parts=parts, tests=tests)
     return as_page(Document(HOSTILE, "view", blocks=[View(view)]))
 
 
@@ -137,3 +144,80 @@ def test_a_browser_draws_turns_plays_and_runs_nothing_else(browser, tmp_path):
     # The policy of the page lets no other script run.
     run = "const s = document.createElement('script'); s.textContent = 'window.run = 1'; "
     assert browser.js(f"(() => {{ {run} document.body.append(s); return window.run; }})()") is None
+
+
+def test_a_view_hides_parts_shows_measured_shapes_and_is_saved(browser, tmp_path):
+    file = tmp_path / "view.html"
+    file.write_text(page(), encoding="utf-8")
+    browser.show(file)
+    browser.js("window.view = document.querySelector('.stage').view; 0")
+    faces = "view.lists[0].length"
+    whole = browser.js(faces)
+    browser.js("document.querySelector('.parts input').click(); 0")
+    assert 0 < browser.js(faces) < whole
+    browser.js("document.querySelector('.parts input').click(); 0")
+    assert browser.js(faces) == whole
+    # A value of the MAC shows its two shapes, in the scale that belongs to them.
+    browser.js("view.choose(0, 1); 0")
+    assert "MAC 0.250" in browser.js("view.note.textContent")
+    assert browser.js("view.shown.length") == 2 and browser.js("view.choose(1), view.test") == -1
+    # Frames that move, of one size: read by another program's decoder.
+    browser.js("view.choose(0); 0")
+    gif = browser.js(
+        "(async () => { const b = new Uint8Array(await view.movie().arrayBuffer()); let s = ''; "
+        "for (const c of b) s += String.fromCharCode(c); return btoa(s); })()"
+    )
+    images = pytest.importorskip("PIL.Image")
+    with images.open(io.BytesIO(base64.b64decode(gif))) as found:
+        assert found.n_frames == 24 and found.size[0] == 640
+        first = np.asarray(found.convert("RGB"), dtype=int)
+        found.seek(6)
+        quarter = np.asarray(found.convert("RGB"), dtype=int)
+        found.seek(12)
+        half = np.asarray(found.convert("RGB"), dtype=int)
+    assert np.abs(first - quarter).max() > 50 and np.abs(first - half).mean() < 2
+
+
+def test_a_chart_shows_the_curves_by_panel_and_on_other_axes(browser, tmp_path):
+    """Curves may turn back; what a reader saves are the numbers that were computed."""
+    x = np.array([1.0, 10.0, 5.0, 100.0])
+    curves = [
+        Curve(HOSTILE, x, x**2, "#0072b2"),
+        Curve("points", x[:2], np.array([2.0, np.nan]), width=0, mark="o", panel=1),
+    ]
+    chart = curve_chart(curves, "f, Hz", ["first", HOSTILE], HOSTILE, log=(False, True))
+    text = as_page(Document("case", "chart", blocks=[chart]))
+    content = json.loads(re.search(r'json">(.*?)</script>', text, re.DOTALL)[1])
+    stored = np.frombuffer(base64.b64decode(content["curves"][0]["y"]), "<f8")
+    assert np.array_equal(stored, x**2) and text.count("<svg") == 1
+    file = tmp_path / "chart.html"
+    file.write_text(text, encoding="utf-8")
+    browser.show(file)
+    browser.until("!!document.querySelector('.stage.live')")
+    assert browser.js("document.title") == "case: chart"
+    browser.js("window.stage = document.querySelector('.stage'); window.c = stage.chart; 0")
+    shown = "[0, 1].map(i => c.isDatasetVisible(i))"
+    assert browser.js(shown) == [True, False]
+    assert browser.js("c.scales.y.type") == "logarithmic"
+    at = "[0, 2].map(i => c.getDatasetMeta(0).data[i].x)"
+    assert browser.js(at)[0] < browser.js(at)[1]
+    browser.js("stage.querySelectorAll('input')[1].click(); 0")
+    assert browser.js("c.scales.y.type") == "linear"
+    browser.js(
+        "stage.querySelector('select').value = 1; stage.querySelector('select').onchange(); 0"
+    )
+    assert browser.js(shown) == [False, True]
+
+
+def test_paper_has_what_is_folded_away_at_its_end(browser, tmp_path):
+    blocks = [Folded("more", [Text("hidden")]), Text("last")]
+    file = tmp_path / "page.html"
+    file.write_text(as_page(Document("case", "result", blocks=blocks)), encoding="utf-8")
+    browser.show(file)
+    order = "document.querySelector('main').innerText.replace(/\\s+/g, ' ')"
+    assert "hidden" not in browser.js(order)
+    browser.js("dispatchEvent(new Event('beforeprint')); 0")
+    words = browser.js(order)
+    assert words.index("last") < words.index("Appendix") < words.index("hidden")
+    browser.js("dispatchEvent(new Event('afterprint')); 0")
+    assert "Appendix" not in browser.js(order) and "hidden" not in browser.js(order)

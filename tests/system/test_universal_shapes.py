@@ -133,7 +133,10 @@ def test_modes_are_paired_by_their_shapes_where_frequencies_mislead(lap, truth):
     there = np.isfinite(beside.test_shapes)
     assert beside.model_shapes[there] == pytest.approx(beside.test_shapes[there], rel=1e-3)
     everything = run_modes(case, MPI.COMM_SELF, Progress(silent=True), n_modes=14, draw_all=True)
-    assert everything.page().html().count("Mode shape ") == 8 and outcome.page().html().count("Mode shape ") == 6
+    assert (
+        everything.page().html().count("Mode shape ") == 8
+        and outcome.page().html().count("Mode shape ") == 6
+    )
     few = run_modes(case, MPI.COMM_SELF, Progress(silent=True), n_modes=9)
     assert few.result.beside is None and "not compared with the test" in few.result.notes[-1]
 
