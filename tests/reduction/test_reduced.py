@@ -205,7 +205,7 @@ def test_a_basis_holds_each_samples_modes_however_stiff_or_soft_its_joint(full, 
         exact, found = (solve_modes(m, values, n_modes=N_MODES) for m in (full, model))
         elastic = slice(exact.n_rigid, N_MODES)
         error = found.frequencies_hz[elastic] / exact.frequencies_hz[elastic] - 1
-        assert np.all(error > -1e-9) and error.max() < 1e-4
+        assert np.all(error > -1e-7) and error.max() < 1e-4  # round-off: 1.4e-8 on some processors
     assert model.n_dofs < 2 * N_MODES  # what both have is there once
     # One that grows knows what is new, and still what it knew.
     _, exact = checks[0]

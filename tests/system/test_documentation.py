@@ -158,12 +158,26 @@ def _scripts():
 @pytest.mark.parametrize(("text", "shown"), list(_scripts()))
 def test_scripts_print_what_their_page_shows(text, shown):
     """The same words, and numbers within two per cent, as other versions of gmsh may give."""
-    spec = importlib.util.spec_from_file_location("outputs", REPOSITORY / "docs" / "outputs.py")
-    outputs = importlib.util.module_from_spec(spec)
-    sys.modules["outputs"] = outputs
-    spec.loader.exec_module(outputs)
+    outputs = maker()
     printed = outputs.script_output(text)
     assert outputs.same(printed, shown), printed
+
+
+def maker():
+    """The module that writes what commands print into pages."""
+    spec = importlib.util.spec_from_file_location("outputs", REPOSITORY / "docs" / "outputs.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["outputs"] = module  # where its dataclass looks for names
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", ["json", "database"])
+def test_pages_that_are_made_are_up_to_date(name, tmp_path):
+    """The keys of the JSON, and what a quick command prints."""
+    outputs, page = maker(), REPOSITORY / "docs" / f"{name}.md"
+    old = page.read_text(encoding="utf-8")
+    assert outputs.same(outputs.Maker(tmp_path, quick=True, pictures=False).page(page, old), old)
 
 
 @pytest.mark.slow

@@ -135,7 +135,7 @@ def test_commands_take_own_laws_effects_and_meshes(folder):
     path = changed(folder, "tested.toml", quick, more=more)
     run(path, "update", "lap.k_t +400.0 GPa/m +(39.9|40.0)")
     asked = ["--effects", "k_t of lap", "--effects", "sealed_joints:wet"]
-    assert "wet plates" in run(path, "diagnose", *asked, "K t of lap, 9")
+    assert "wet plates" in run(path, "diagnose", *asked, r"9\d %\)\. K t of lap")
     (folder / "sealed_joints.py").write_text(blocks()["sealed_joints.py"] + WORN, encoding="utf-8")
     path = changed(folder, "slip.toml", (OWN, SPRINGS), more=SLIP)
     run(path, "harmonic", "1.00 N ")

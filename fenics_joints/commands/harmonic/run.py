@@ -88,8 +88,9 @@ def run_harmonic(
     """
     if branches is not None:
         on_root(comm, lambda: writable_folder(branches, "--branches"))
-    progress.outline(_stages(case))
-    progress.stage(_BUILD)
+    if case.harmonic is not None:
+        progress.outline(_stages(case))
+        progress.stage(_BUILD)
     built = harmonic_model(case, comm, progress)
     if branches is not None:
         band = case.harmonic.band

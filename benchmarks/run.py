@@ -1,0 +1,276 @@
+"""All benchmarks beside their peers and limits, in one table.
+
+    python3 benchmarks/run.py [NAME ...] [--quick] [--write]
+
+Each row runs a script of this folder, which measures both sides in one run, and picks a number from
+its JSON. ``--quick`` takes small models, all rows in some minutes; its numbers are of these models.
+They go to ``benchmarks/results.json`` or ``quick.json`` with what the machine is and how busy it
+was; rows that are not run keep what they had. ``--write`` puts the table into ``docs/speed.md``.
+Needs nothing but Python itself where it is started.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+
+from harness import ROOT, launcher, parser, run, threads
+
+HERE = Path(__file__).resolve().parent
+PAGE = ROOT / "docs" / "speed.md"
+TABLE = re.compile(r"(<!-- table: benchmarks/run.py -->\n\n).*?(?=\n<!-- end -->)", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the table.
+
+    Attributes:
+        what: What is compared with what.
+        command: Script and arguments.
+        quick: The same for small models.
+        number: Picks the number from the script's JSON.
+        target: What is aimed at: ``>`` or ``<`` and a number.
+        detail: Picks what the sizes and times were.
+        enters: Whether the script enters FEniCSx itself.
+    """
+
+    what: str
+    command: str
+    quick: str
+    number: Callable[[dict], float]
+    target: str
+    detail: Callable[[dict], str] = lambda found: ""
+    enters: bool = False
+
+
+def _modal(found: dict) -> float:
+    ratios = sorted(pair["ccx"]["wall"] / pair["ours"]["wall"] for pair in found["runs"])
+    return ratios[len(ratios) // 2]
+
+
+def _modal_sides(found: dict) -> str:
+    ours, ccx = (
+        sorted(pair[side]["wall"] for pair in found["runs"])[len(found["runs"]) // 2]
+        for side in ("ours", "ccx")
+    )
+    return f"{found['dofs']:,} DOFs: {ours:.1f} s, CalculiX {ccx:.1f} s"
+
+
+def _contact_sides(found: dict) -> str:
+    wall = found["wall"]
+    ours, ccx = wall[found["ours"]], wall[found["ccx"]]
+    return f"{found['detail']['dofs']:,} DOFs: {ours:.1f} s, CalculiX {ccx:.1f} s"
+
+
+def _iterative_sides(found: dict) -> str:
+    row = found["ratios"][-1]
+    return f"{row['dofs']:,} DOFs, in {row['seconds']:.1f} times the time"
+
+
+MODAL, SMALL = "modal.py --runs 5", "modal.py --runs 1 --elements 30 12 2"
+ROWS = {
+    "modal": Row(
+        "Twelve modes of lapped plates, whole processes: time of CalculiX over ours",
+        MODAL,
+        SMALL,
+        _modal,
+        "> 6",
+        _modal_sides,
+        enters=True,
+    ),
+    "floor": Row(
+        "The eigenproblem over one factorisation with its solves by MUMPS alone",
+        MODAL,
+        SMALL,
+        lambda found: found["floor"]["ratio"],
+        "< 1.1",
+        lambda found: f"{found['dofs']:,} DOFs",
+        enters=True,
+    ),
+    "contact": Row(
+        "Bolted plates with contact, whole processes: time of CalculiX over ours",
+        "contact.py --runs 3",
+        "contact.py --runs 1 --mesh 2.5e-3 32",
+        lambda found: found["times_faster_wall"],
+        "> 7.7",
+        _contact_sides,
+        enters=True,
+    ),
+    "multigrid": Row(
+        "Ten modes by multigrid: memory of the solution over that of a factorisation",
+        "iterative.py --sizes 0.03 --ranks 2",
+        "iterative.py --sizes 0.09 --ranks 1",
+        lambda found: found["ratios"][-1]["solution_gib"],
+        "< 0.33",
+        _iterative_sides,
+        enters=True,
+    ),
+    "gradient": Row(
+        "Derivatives of all modes by all parameters of a diagnosis, over one modal solution",
+        "costs.py gradient",
+        "costs.py gradient --element-size 0.02 --runs 3",
+        lambda found: found["gradient"]["ratio gradient / solution (median of pairs)"],
+        "< 0.1",
+    ),
+    "assembly": Row(
+        "K(p) and M(p) as sums of kept matrices, over their assembly",
+        "costs.py assembly",
+        "costs.py assembly --element-size 0.02 --runs 3",
+        lambda found: found["assembly"]["ratio (median of pairs)"],
+        "< 0.2",
+    ),
+    "updating": Row(
+        "One iteration of an update on 6 modes and 50 lines of FRFs, over its modal solution",
+        "updating.py cost",
+        "updating.py cost --cost-size 0.045 --runs 2",
+        lambda found: found["cost"]["ratio"],
+        "< 2",
+        lambda found: f"{found['cost']['dofs']:,} DOFs",
+    ),
+    "bayes": Row(
+        "A modal solution over one sample of the posterior of four parameters",
+        "bayes.py plates",
+        "bayes.py plates --quick",
+        lambda found: found["plates"]["ratio"],
+        "> 500",
+        lambda found: f"{found['plates']['dofs']:,} DOFs",
+    ),
+    "harmonic": Row(
+        "Time integration to 0.5 % of the peak over harmonic balance, per frequency",
+        "harmonic.py transient",
+        "harmonic.py transient --coarse",
+        lambda found: found["transient"]["ratio"]["wall_s"],
+        "> 50",
+        lambda found: f"{found['transient']['interface_points']} points of the joint",
+    ),
+    "diagnose": Row(
+        "`diagnose demos/lap_plates` with a kept model, eleven torques: processor seconds over 20",
+        "run.py --as diagnose",
+        "run.py --as diagnose",
+        lambda found: found["cpu"] / 20.0,
+        "< 1",
+        lambda found: f"{found['cpu']:.0f} s of processor, {found['wall']:.0f} s",
+        enters=True,
+    ),
+}
+MEETS = {"<": lambda a, b: a <= b, ">": lambda a, b: a >= b}
+
+
+def measured(command: str, enters: bool, given: str | None) -> dict:
+    """The JSON of a script, with how busy the machine was with other work meanwhile."""
+    script, *words = shlex.split(command)
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "found.json"
+        start = [sys.executable] if enters else [*launcher(given), "python3"]
+        own = [*start, str(HERE / script), *words, "--json", str(out)]
+        before, began = _busy(), time.perf_counter()
+        spent = run(own, ROOT, threads(1))
+        elapsed = time.perf_counter() - began
+        other = max(_busy() - before - spent["cpu"], 0.0) / elapsed
+        found = json.loads(out.read_text())
+    return {"found": found, "seconds": elapsed, "other_load": round(other, 2)}
+
+
+def _busy() -> float:
+    """Processor seconds that this machine has worked since it started."""
+    first = Path("/proc/stat").read_text().splitlines()[0].split()[1:]
+    user, nice, system, _, _, irq, softirq, *_ = map(int, first)
+    return (user + nice + system + irq + softirq) / os.sysconf("SC_CLK_TCK")
+
+
+def diagnose(out: Path, given: str | None) -> None:
+    """Time a second diagnosis, which finds its model kept."""
+    with tempfile.TemporaryDirectory() as folder:
+        words = ["fenics-joints", "diagnose", "demos/lap_plates", "--keep", folder]
+        for _ in range(2):
+            spent = run([*launcher(given), *words], ROOT, threads(1))
+    out.write_text(json.dumps(spent))
+
+
+def table(results: dict) -> str:
+    """The table in Markdown."""
+    text = "| what | measured | target | details | other work | on |\n|---|---|---|---|---|---|\n"
+    for name, row in ROWS.items():
+        found = results["rows"].get(name)
+        if found is None:
+            text += f"| {row.what} | not run | {row.target} | | | |\n"
+            continue
+        missed = "" if found["meets"] else " (missed)"
+        text += (
+            f"| {row.what} | {found['number']:.3g}{missed} | {row.target} | {found['detail']} | "
+            f"{found['other_load']:.1f} | {found['date']} |\n"
+        )
+    return f"{text}\n{results['machine']}.\n"
+
+
+def machine() -> str:
+    """What the machine is, in words."""
+    names = re.findall(r"^model name\s*:\s*(.*)$", Path("/proc/cpuinfo").read_text(), re.M)
+    name = names[0] if names else platform.machine()
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True
+    ).stdout.strip()
+    return f"{os.cpu_count()} cores ({name}), commit {commit}; other work in processors' loads"
+
+
+def main() -> None:
+    made = parser(__doc__)
+    made.add_argument("rows", nargs="*", metavar="NAME", help=f"{', '.join(ROWS)}; all by default")
+    made.add_argument("--quick", action="store_true", help="small models, in some minutes")
+    made.add_argument("--write", action="store_true", help="put the table into docs/speed.md")
+    made.add_argument("--launcher", help="command that enters FEniCSx; '' for none")
+    made.add_argument("--as", dest="role", choices=["diagnose"], help="measure this alone")
+    arguments = made.parse_args()
+    if unknown := set(arguments.rows) - set(ROWS):
+        made.error(f"no row {sorted(unknown)[0]!r}: expected {', '.join(ROWS)}")
+    if arguments.role:
+        diagnose(arguments.json, arguments.launcher)
+        return
+    kept = HERE / ("quick.json" if arguments.quick else "results.json")
+    results = json.loads(kept.read_text()) if kept.exists() else {"rows": {}}
+    results["machine"] = machine()
+    done: dict[str, dict] = {}
+    for name in arguments.rows or ROWS:
+        row = ROWS[name]
+        command = row.quick if arguments.quick else row.command
+        if command not in done:
+            print(f"{command} ...", flush=True)
+            done[command] = measured(command, row.enters, arguments.launcher)
+        one = done[command]
+        number = row.number(one["found"])
+        sign, limit = row.target.split()
+        results["rows"][name] = {
+            "number": number,
+            "target": row.target,
+            "meets": MEETS[sign](number, float(limit)),
+            "detail": row.detail(one["found"]),
+            "seconds": round(one["seconds"], 1),
+            "other_load": one["other_load"],
+            "date": date.today().isoformat(),
+            "command": command,
+        }
+        kept.write_text(json.dumps(results, indent=2) + "\n")
+        print(f"{row.what}: {number:.3g} ({row.target}), {one['seconds']:.0f} s", flush=True)
+    print(table(results))
+    if arguments.json:
+        arguments.json.write_text(json.dumps(results, indent=2) + "\n")
+    if arguments.write:
+        text = PAGE.read_text(encoding="utf-8")
+        shown = TABLE.sub(lambda old: old[1] + table(results), text)
+        PAGE.write_text(shown, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
