@@ -35,7 +35,7 @@ if _MISSING:
         "or run everything through ./with-fenicsx from a checkout."
     )
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _ROOMS = (
     "forms",

@@ -44,6 +44,7 @@ _LARGEST_FILE, _LARGEST_TEXT = 2_000_000_000, 50_000_000
 #: Ends of names of files by the option that names them, the usual one first.
 SUFFIXES = {"--report": (".html", ".htm"), "--json": (".json",)}
 #: First characters of a spreadsheet's formula, or of a formula written as text.
+_SIGNED = re.compile(r"[-+]\d+(\.\d+)?( [%A-Za-z/\u00b0-\u00b7]+)?")
 FORMULA = re.compile(r"'*\s*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r\n]")
 
 
@@ -141,6 +142,10 @@ def read_toml(path: str | Path, expected: str) -> dict:
         raise InputError(f"{path}: {_TOO_DEEP}") from None
     except ValueError as error:  # a TOMLDecodeError, or Python's for a number of 4,300 digits
         reason = _TOO_LARGE if "integer string conversion" in str(error) else f"({error})"
+        line = re.search(r"at line (\d+)", str(error))
+        said = text.splitlines()[int(line[1]) - 1] if line else ""
+        if bare := _BARE.search(said):
+            reason += f'; a value with a unit needs quotes: "{bare[1].strip()}"'
         raise InputError(f"{path}: cannot be read as TOML: {reason}") from error
     _check_toml(path, content)
     return content
@@ -158,6 +163,8 @@ def toml_value(text: str) -> dict | None:
     return content
 
 
+#: A quantity without the quotes that TOML wants.
+_BARE = re.compile(r"=\s*([-+]?\d[\d.]*(?:e[-+]?\d+)?\s*[A-Za-z%\u00b5][\w/%\u00b7.^ ]*)")
 _TOO_DEEP = f"tables or arrays are nested more than {_DEEPEST} deep, expected fewer"
 _DOTTED = re.compile(
     rf"(?<![\w-])(?:(?:[\w-]+|\"[^\"\n]*\"|'[^'\n]*')[ \t]*\.[ \t]*){{{_DEEPEST}}}"
@@ -278,6 +285,7 @@ def check_outputs(
             raise InputError(
                 f"{option} {shown_path(path)}: writes {expected[0][1:].upper()}; expected a name "
                 f"that ends in {expected[0]}"
+                + (" (a browser prints the page to PDF)" if option == "--report" else "")
             )
 
 
@@ -434,8 +442,12 @@ def csv_text(rows: Iterable[Sequence[object]]) -> str:
     CSV injection)."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
+
+    def runs(v: object) -> bool:
+        return isinstance(v, str) and bool(FORMULA.match(v)) and not _SIGNED.fullmatch(v)
+
     for row in rows:
-        writer.writerow([f"'{v}" if isinstance(v, str) and FORMULA.match(v) else v for v in row])
+        writer.writerow([f"'{v}" if runs(v) else v for v in row])
     return stream.getvalue()
 
 

@@ -60,10 +60,12 @@ def load_case(path: str | Path, *, changes: Sequence[str] = (), allow_code: bool
         try:
             case = Case.model_validate(raw)
         except ValidationError as error:
-            raise case_error(path, [describe(e, Case) for e in error.errors()]) from None
-        errors = finish_case(case, path, raw)
+            errors = [describe(e, Case) for e in error.errors()]
+        else:
+            errors = finish_case(case, path, raw)
     if errors:
-        raise case_error(path, errors)
+        changed = f" (changed by --set {', '.join(map(printable, changes))})" if changes else ""
+        raise case_error(f"{path}{changed}", errors) from None
     return case
 
 
@@ -88,7 +90,7 @@ def _change(raw: dict, change: str) -> None:
     key, equals, text = change.partition("=")
     found = toml_value(f"{key} = 0") if equals and change.isprintable() else None
     if not isinstance(found, dict):
-        raise InputError(f"{said}expected KEY=VALUE, such as mesh.size='5 mm' or parts.beam.E=70e9")
+        raise InputError(f"{said}expected KEY=VALUE, such as parts.NAME.E='70 GPa'")
     names = []
     while isinstance(found, dict):
         ((name, found),) = found.items()

@@ -96,7 +96,7 @@ def case_options(params: Sequence[click.Parameter]) -> Iterator[TyperOption]:
         ("format", several, {"metavar": "NAMES", "type": str}),
         (
             "set",
-            "Another value for a key of the case: --set mesh.size='5 mm'; several times.",
+            "Another value for a key of the case: --set parts.NAME.E='70 GPa'; several times.",
             {"metavar": "KEY=VALUE", "type": str, "multiple": True},
         ),
         ("large", "Go on where the model seems too large for the memory there is.", flag),

@@ -36,8 +36,10 @@ from fenics_joints.structure.structure import Structure
 
 #: Modes of the model in the view, at most: those of the test first. Chosen for the page's size.
 _VIEWED = 16
+#: MAC by which another mode is clearly more like a shape. Chosen: only a note depends on it.
+_CLEARLY = 0.2
 #: Rows of each table on the terminal, so that the document fits on a screen.
-_MODES, _RINGS, _PAIRS = 20, 12, 8
+_MODES, _RINGS, _PAIRS = 20, 12, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +99,20 @@ class ComparedModes:
             return None
         columns = [int(np.flatnonzero(self.candidates == i)[0]) for i in self.index]
         return self.matrix[np.arange(len(columns)), columns]
+
+    def doubtful(self) -> list[str]:
+        """A sentence for each pair of which another mode of the model has a clearly higher MAC."""
+        if self.matrix is None:
+            return []
+        best = np.argmax(self.matrix, axis=1)
+        return [
+            f"{OF_MODEL}{name} is paired with mode {i + 1} at a MAC of {mac:.2f}, although mode "
+            f"{self.candidates[k] + 1} has {row[k]:.2f}: another mode of the test has that one"
+            for name, i, mac, k, row, has in zip(
+                self.names, self.index, self.mac, best, self.matrix, self.partnered, strict=True
+            )
+            if has and row[k] > mac + _CLEARLY
+        ]
 
     def pairs(self) -> list[dict[str, object]]:
         """A record for each of the test's modes: name, test_hz, mode (from 1), model_hz,
@@ -331,6 +347,7 @@ def run_modes(
     if fields is not None:
         progress.step(f"writing {fields}")
         written = tuple(write_shapes(modes, fields))
+    notes = (*notes, *(beside.doubtful() if isinstance(beside, ComparedModes) else ()))
     found = ModeList(case, modes, visibility, model.size_m, model.rings(), notes, beside, written)
     return Outcome(found, modes_document(found, None if draw_all else 6))
 
@@ -372,9 +389,12 @@ def modes_document(result: ModeList, n_shapes: int | None = 6) -> doc.Document:
             None for all elastic modes.
     """
     n_rigid, visible, kinds = result.modes.n_rigid, result.visible, result.kinds()
-    keys = [("dofs", result.modes.model.n_dofs, "degrees of freedom")]
+    keys: list[tuple[str, object, str]] = []
+    if result.beside is not None and result.beside.partnered.any():
+        keys.append(("error", percent(result.beside.rms), "RMS error against the test"))
+    keys.append(("dofs", result.modes.model.n_dofs, "degrees of freedom"))
     if len(result.size_m):
-        keys.append(("size", extents(result.size_m), "size of the mesh"))
+        keys.append(("size", extents(result.size_m), "extents of the mesh"))
     keys += [
         ("rigid", n_rigid, "rigid-body modes"),
         ("elastic", len(kinds) - n_rigid, "elastic modes"),
@@ -479,8 +499,6 @@ def _shapes(result: ModeList, n_shapes: int | None) -> list | None:
     if beside is not None and beside.matrix is not None:
         caption = "Modal assurance criterion: modes of the test by visible modes of the model"
         columns, drawn = (beside.candidates + 1).tolist(), [i + 1 for i in viewed if measured]
-        if measured:
-            caption += "; click a value to see both shapes"
         blocks.append(mac_table(beside.matrix, beside.names, columns, caption, "mac", drawn))
     if not len(vertices):
         return None

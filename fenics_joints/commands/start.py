@@ -267,7 +267,8 @@ def written(
             if path.suffix != ".csv":
                 tell(f"wrote {shown_path(path)}")
         if tables:
-            tell(f"wrote {tables} tables to {shown_path(folder)}/{command}_*.csv")
+            several = "tables" if tables > 1 else "table"
+            tell(f"wrote {tables} {several} to {shown_path(folder)}/{command}_*.csv")
 
     def finish() -> None:
         on_root(comm, write)

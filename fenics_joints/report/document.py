@@ -22,8 +22,8 @@ from markupsafe import Markup
 from fenics_joints.files import csv_text, dataframe, plain
 from fenics_joints.formatting import MISSING, hertz, number, percent, quantity
 
-#: Characters of the longest name of a table's file; chosen.
-_LONGEST = 40
+#: Characters of the longest name of a table's file, and from which a name is long; chosen.
+_LONGEST, _LONG = 40, 16
 #: Units by the last part of a key, as they are written.
 _UNITS = {"m": "m", "n": "N", "pa": "Pa", "j": "J", "kg": "kg"}
 
@@ -144,6 +144,11 @@ class Table:
                 cells.append(value)
             table.rows.append(Row(cells, style(record)))
         return table
+
+    @property
+    def has_names(self) -> bool:
+        """Whether the first column has names that are too long for a phone."""
+        return any(len(row.cells[0].text) > _LONG for row in self.rows if row.cells)
 
     def add(self, *cells: str | Cell, style: str = "", foot: bool = False) -> None:
         """A further row, or one below a line at the end."""

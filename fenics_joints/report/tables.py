@@ -77,16 +77,17 @@ def frequency_table(
         names: Of the models.
         row_names: Words behind each condition, such as a known change of the structure.
     """
-    gaps = [(name, gap) for name, gap in zip(names, (before, after), strict=True) if gap]
+    pairs = zip(("before", "after"), names, (before, after), strict=True)
+    gaps = [(key, name, gap) for key, name, gap in pairs if gap]
     columns = {"condition": condition[0], "mode": "mode", "test_hz": ">measured, Hz"}
-    columns |= {f"model_{k}_hz": f">{name}, Hz" for k, (name, _) in enumerate(gaps)}
-    columns |= {f"error_{k}_percent": f">{name}" for k, (name, _) in enumerate(gaps)}
+    columns |= {f"{key}_hz": f">{name}, Hz" for key, name, _ in gaps}
+    columns |= {f"error_{key}_percent": f">{name}" for key, name, _ in gaps}
     heads, rows = _row_heads(after, condition[1], row_names), []
     for i, j in np.ndindex(after.test_hz.shape):
         row = {"condition": heads[i], "mode": after.mode_names[j], "test_hz": after.test_hz[i, j]}
-        for k, (_, gap) in enumerate(gaps):
-            row[f"model_{k}_hz"] = gap.model_hz[i, j]
-            row[f"error_{k}_percent"] = 100 * gap.relative[i, j]
+        for key, _, gap in gaps:
+            row[f"{key}_hz"] = gap.model_hz[i, j]
+            row[f"error_{key}_percent"] = 100 * gap.relative[i, j]
         rows.append(plain(row))
     return Table.of(rows, columns, caption=caption, kind="frequencies")
 

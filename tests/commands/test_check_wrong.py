@@ -370,7 +370,11 @@ noise = "0.1 %"
 DEMO_CASES = sorted(path.relative_to(DEMOS) for path in DEMOS.glob("*/*.toml"))
 #: What is said of a demo: of one that has a layer of the paper's as a part, and of a file that has
 #: no deviations of damping.
-KNOWN = {"lap_beam/identified.toml": 2, "half_lap_beam/drawn.toml": 1}
+KNOWN = {
+    "lap_beam/identified.toml": 2,
+    "half_lap_beam/drawn.toml": 1,
+    "half_lap_beam/identified.toml": 1,  # its joint was fitted on this mesh
+}
 SLOW = {"c_beam", "cad_bracket", "lap_plates", "barc", "dumbbell", "jim_beam"}  # seconds each
 
 

@@ -48,9 +48,9 @@ def test_sentences_of_a_cause():
     )
     # 0.66 over 0.033, the best hypothesis without either of the class.
     assert words.apart == (
-        "An axial mode would best distinguish the effects of class A: up to 3.4 standard "
-        "deviations. The best explanation without this cause, modulus error (plate 1), is 20 times "
-        "less probable."
+        "An axial mode would best distinguish the effects of class A: their predictions differ by "
+        "up to 3.4 times the noise. The best explanation that lacks this cause, modulus error "
+        "(plate 1), is 20 times less probable."
     )
     # Where it is, the cause says; a score test beside it may say something else.
     assert words.where == ""
@@ -121,7 +121,7 @@ def test_two_causes_name_the_rival_that_lacks_one():
         ("Cause 2 (90 %)", "Joint normal compliance."),
     )
     assert explain(d).apart == (
-        "The best explanation without one of these causes, modulus error (plate 1), is 30 times "
+        "The best explanation that lacks cause 1 or cause 2, modulus error (plate 1), is 30 times "
         "less probable."
     )
     why = point(d, "Why this and not another?")
@@ -269,8 +269,9 @@ def test_points_hold_the_numbers_behind_the_sentences():
     assert "frequencies 194 for 6, shapes 6 for 6" in point(d, "Is there more than chance?")
     # Bending 1 alone is within chance; both torques are not.
     assert point(d, "In which data?") == (
-        "Of 3 modes, these have more error than chance: bending 2 and bending 3. "
-        "Of 2 values of the torque, these have more error than chance: 5 N·m and 20 N·m."
+        "Of 3 modes, these add more error than chance to what the others show: bending 2 and "
+        "bending 3. Of 2 values of the torque, these add more error than chance to what the others "
+        "show: 5 N·m and 20 N·m."
     )
     part = point(d, "In which part?")
     assert '"the lap, bolt 2, ring 1" (softer than in the model)' in part
@@ -351,7 +352,7 @@ def test_no_probability_is_shown_as_certain_but_files_have_all_of_it():
     assert "more than 99 times less probable" in words.apart
     page = page_of(d)
     assert "e-1" not in str(words.to_json()) and "between 1 and 99 %" in page
-    tables = re.findall(r'<table id="(?:effects|hypotheses)">.*?</table>', page, re.S)
+    tables = re.findall(r'<table id="(?:effects|hypotheses)"[^>]*>.*?</table>', page, re.S)
     shown = {x for t in tables for x in re.findall(r'<td class="n">([^<]*\d+ %)<', t)}
     assert {"&gt; 99 %", "&lt; 1 %"} < shown and not {"100 %", "0 %"} & shown
 

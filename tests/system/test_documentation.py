@@ -88,7 +88,8 @@ def test_the_readme_is_short_and_says_what_to_type_first():
     text = (REPOSITORY / "README.md").read_text(encoding="utf-8")
     assert text.count("\n") <= 150
     typed = "".join(blocks(REPOSITORY / "README.md", "sh")).splitlines()
-    assert typed[0] == "./with-fenicsx fenics-joints diagnose demos/lap_plates"
+    first = "./with-fenicsx fenics-joints diagnose demos/lap_plates --report diagnosis.html"
+    assert typed[0] == first
     assert typed[1] == "./with-fenicsx pytest -n 2"
     assert typed[1] in (REPOSITORY / ".ci" / "run").read_text(encoding="utf-8")
 

@@ -456,7 +456,7 @@ def check_document(result: Checked) -> Document:
     if result.dofs:
         keys.append(("dofs", result.dofs, "degrees of freedom"))
     if len(result.size_m):
-        keys.append(("size", extents(result.size_m), "size of the mesh"))
+        keys.append(("size", extents(result.size_m), "extents of the mesh"))
     if result.bolts:
         keys.append(("bolts", len(result.bolts), "bolts"))
     estimated = "" if result.dofs or result.estimate is None else str(result.estimate)

@@ -15,6 +15,7 @@ from fenics_joints.commands.diagnose.words import (
     along,
     by_effect,
     change_words,
+    deviation_words,
     effect_classes,
     effect_name,
     group_words,
@@ -29,7 +30,7 @@ from fenics_joints.commands.diagnose.words import (
     with_place,
     zone_words,
 )
-from fenics_joints.diagnosis.evidence.classes import APART, confusion
+from fenics_joints.diagnosis.evidence.classes import confusion
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis, HypothesisResult
 from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
@@ -118,6 +119,11 @@ _TERMS = (
         "p",
         "How often noise, tolerances and model error alone give as large a chi-square. Adjusted p: "
         "corrected for the number of places tested (Holm).",
+    ),
+    (
+        "k_n, k_t, beta",
+        "Normal and tangential stiffness of a joint per area, at the last level of the test; "
+        "beta is the exponent of their growth with the preload.",
     ),
     (
         "Outer zone",
@@ -631,9 +637,9 @@ def _next(d: Diagnosis) -> list:
     letters = {c.name: c.letter for c in effect_classes(d)}
     lines = [
         f"To distinguish class {letters.get(s.class_name) or s.class_name} "
-        f"({'; '.join(map(_label, s.members))}), measure {s.measurement}: up to {s.distance:.1f} "
-        f"standard deviations, {probability(confusion(s.distance))} confusion"
-        f"{', not enough alone' if s.distance < APART else ''}."
+        f"({'; '.join(map(_label, s.members))}), measure {s.measurement}: "
+        f"{deviation_words(s.distance)} (one is taken for the other in "
+        f"{probability(confusion(s.distance))})."
         for s in d.separations
     ]
     more = (

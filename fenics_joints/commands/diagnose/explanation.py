@@ -20,6 +20,7 @@ from fenics_joints.commands.diagnose.words import (
     best_without,
     by_effect,
     causes,
+    deviation_words,
     effect_classes,
     group_words,
     in_test,
@@ -43,7 +44,6 @@ from fenics_joints.commands.diagnose.words import (
     zone_words,
 )
 from fenics_joints.diagnosis.effects.damping import NAMES
-from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.evidence import UNSURE
 from fenics_joints.diagnosis.evidence.misattribution import SAID
 from fenics_joints.diagnosis.evidence.scales import BETWEEN
@@ -203,7 +203,7 @@ def _causes(d: Diagnosis) -> Iterator[tuple[str, str]]:
         return
     p = probability_of(d, UNKNOWN)
     if p >= _REMOTE:
-        yield "Otherwise", f"A cause outside the library has a probability of {probability(p)}."
+        yield "Otherwise", f"{probability(p)} is left for a cause that is not in the library."
 
 
 def _no_cause(d: Diagnosis) -> str:
@@ -303,16 +303,16 @@ def _apart(d: Diagnosis) -> str:
     split = next((s for s in d.separations if s.class_name in classes), None)
     if split is not None:
         letter = classes[split.class_name].letter
-        enough = "" if split.distance >= APART else f", but {APART:.1f} are needed"
         best = f"{split.measurement} would best distinguish the effects of class {letter}"
-        words.append(sentence(f"{best}: up to {split.distance:.1f} standard deviations{enough}"))
+        words.append(sentence(f"{best}: {deviation_words(split.distance)}"))
     lead, other = leading(d), best_without(d, sure)
     if sure and lead is not None and other is not None:
         ratio, most = lead.probability / max(other.probability, 1e-300), round(MOST / LEAST)
         times = f"{number(ratio, 2)} times" if ratio <= most else f"more than {most} times"
-        lacks = "this cause" if len(sure) == 1 else "one of these causes"
+        numbered = [f"cause {i}" for i in range(1, len(sure) + 1)]
+        lacks = "this cause" if len(sure) == 1 else joined(numbered, "or")
         words.append(
-            f"The best explanation without {lacks}, {named(other)}, is {times} less probable."
+            f"The best explanation that lacks {lacks}, {named(other)}, is {times} less probable."
         )
     return " ".join(words)
 
@@ -391,7 +391,10 @@ def _in_which_data(d: Diagnosis) -> Iterator[str]:
         loud = sorted((a for a in parts if a.p * len(parts) < LEVEL), key=lambda a: -a.chi2)
         labels = joined([group_words(a, d.condition[1]) for a in loud]) or "none"
         if len(parts) > 1:
-            yield f"Of {len(parts)} {kind}, these have more error than chance: {labels}."
+            yield (
+                f"Of {len(parts)} {kind}, these add more error than chance to what the others "
+                f"show: {labels}."
+            )
 
 
 def _in_which_part(d: Diagnosis) -> Iterator[str]:
@@ -413,9 +416,10 @@ def _in_which_part(d: Diagnosis) -> Iterator[str]:
         )
     if found.patches is not None:
         n, several = int(found.patches.significant.sum()), int(found.patches.sufficient.sum())
+        only = f"{several} of them could" if several else "none of them can"
         yield (
             f"Of the {len(found.patches.tests)} patches of the map, {n} explain more than chance; "
-            f"{several} of them could be the only place."
+            f"{only} be the only place of the error."
         )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
 from fenics_joints.diagnosis.effects.rig import MISPLACED, MISSCALED, MISSED, SWAPPED
+from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.localised_unknown import LocalisedUnknown
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.verdict import NAMED, NO_GAP, UNKNOWN, confirmed, doubtful, least_sure
@@ -144,6 +145,12 @@ def shortened(words: Sequence[str], last: str = "and") -> str:
     if more > 1:
         words = [*words[:LISTED], f"{more} more"]
     return joined(words, last)
+
+
+def deviation_words(distance: float) -> str:
+    """How far apart two predictions are, and whether that distinguishes them."""
+    words = f"their predictions differ by up to {distance:.1f} times the noise"
+    return words if distance >= APART else f"{words}, and {APART:.1f} times would decide"
 
 
 def p_value_words(p: float) -> str:

@@ -61,13 +61,19 @@ def update_document(r: UpdateReport) -> doc.Document:
     how = f"{r.update.evaluations} evaluations of the model; {r.update.message}."
     held, worse = held_words(r)
     end += ", worse on held-out data" if worse else ""
-    sentences = [("", verdict_words(r)), ("Held out", held), ("", how)]
+    answers = [("Fitted" if held else "", verdict_words(r)), ("Held out", held)]
+    sentences = [*(reversed(answers) if worse else answers), ("", how)]
     return doc.Document(
         r.title,
         "update",
         f"Model updating on measured {data}",
         [
-            doc.Verdict(f"Update{at} on {data}{end}", [pair for pair in sentences if pair[1]]),
+            doc.Verdict(
+                f"Update{at} on {data}{end}",
+                [pair for pair in sentences if pair[1]],
+                "v-likely" if worse else "",
+                "bold yellow" if worse else "bold",
+            ),
             doc.Remarks("Notes", r.notes, "note: "),
             doc.OnPage([doc.Keys(_keys(r))]),
             *_parameters(r),

@@ -40,7 +40,8 @@ function drawChart(stage, given) {
           });
           chart.update();
         } },
-        tooltip: { callbacks: { label: item =>
+        tooltip: { filter: (item, i, all) => all.findIndex(o => o.dataset.label === item.dataset.label
+          && o.parsed.x === item.parsed.x) === i, callbacks: { label: item =>
           `${item.dataset.label}: ${plainNumber(item.parsed.y)} at ${plainNumber(item.parsed.x)}` } },
       },
     },
@@ -87,8 +88,10 @@ function drawChart(stage, given) {
     save(`data:text/csv;charset=utf-8,${text}`, `${given.file}.csv`);
   });
   element("p", root, { className: "note",
-    textContent: "Drag over a part to zoom into it, hold Ctrl and roll the wheel to zoom, point at a curve for its "
-      + "values, click a name to hide its curve." });
+    textContent: matchMedia("(pointer: coarse)").matches
+      ? "Tap a curve for its values, a name to hide its curve."
+      : "Drag over a part to zoom into it, hold Ctrl and roll the wheel to zoom, point at a curve for "
+        + "its values, click a name to hide its curve." });
   const paint = () => {
     const style = getComputedStyle(document.documentElement), ink = style.getPropertyValue("--ink");
     for (const s of Object.values(chart.options.scales)) {

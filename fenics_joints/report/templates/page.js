@@ -16,22 +16,26 @@ function save(address, name) {
 // On paper all that is folded away stands at the end, as an appendix.
 const moved = [];
 addEventListener("beforeprint", () => {
-  const folded = [...document.querySelectorAll("main details")].filter(d => !d.parentElement.closest("details"));
+  const folded = [...document.querySelectorAll("main details:not(.parts)")].filter(d => !d.parentElement.closest("details"));
   if (moved.length || !folded.length) return;
   const appendix = element("section", document.querySelector("main"), { id: "appendix" });
   element("h2", appendix, { textContent: "Appendix" });
   for (const block of folded) {
-    const place = document.createComment("");
-    block.replaceWith(place);
-    moved.push([place, block, block.open]);
-    block.open = true;
-    appendix.append(block);
+    const heads = /^H[23]$/, above = block.previousElementSibling, below = block.nextElementSibling;
+    const alone = above && heads.test(above.tagName) && (!below || heads.test(below.tagName));
+    for (const one of alone ? [above, block] : [block]) {
+      const place = document.createComment("");
+      one.replaceWith(place);
+      moved.push([place, one, one.open]);
+      if (one === block) one.open = true;
+      appendix.append(one);
+    }
   }
 });
 addEventListener("afterprint", () => {
   for (const [place, block, open] of moved.splice(0)) {
     place.replaceWith(block);
-    block.open = open;
+    if (open !== undefined) block.open = open;
   }
   document.getElementById("appendix")?.remove();
 });

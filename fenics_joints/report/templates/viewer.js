@@ -63,7 +63,7 @@ class View {
   sort() {
     const { faces, scene: { corners }, levels, hidden } = this;
     const shown = hidden.size ? faces.filter((_, i) => !hidden.has(levels[faces[i - i % corners]])) : faces;
-    this.lists = split(shown, corners);
+    this.lists = split(shown, corners, this.points);
     this.indices = this.lists.map((list, i) =>
       this.buffer(list, this.gl.ELEMENT_ARRAY_BUFFER, this.indices && this.indices[i]));
   }
@@ -198,6 +198,11 @@ class View {
     Object.assign(this, { yaw: TURN, tilt: TILT, zoom: 1, phase: 1, amplitude: 1, playing: 0,
       apart: this.scene.apart ? this.gap() : 0, edges: true });
     this.look = this.look || {};
+    this.measure();
+  }
+
+  /** Middle and extents of all as seen now: what `fit` puts into the picture. */
+  measure() {
     const m = this.camera(), lift = this.lift(), low = [9, 9], high = [-9, -9];
     for (let i = 0; i < this.scene.n; i += Math.ceil(this.scene.n / 4000)) {
       const [x, y] = this.drawn(i, m, 0, lift);
@@ -322,7 +327,8 @@ class View {
     const how = matchMedia("(pointer: coarse)").matches
       ? "Drag sideways to turn it, with two fingers to move and zoom."
       : "Drag to turn it, with Shift to move it; click, then roll the wheel to zoom; point at it "
-        + "for values. Keys: arrows turn, + and - zoom, 1 to 4 are the views, the space bar plays.";
+        + "for values. Keys: arrows turn, + and - zoom, 1 to 4 are the views"
+        + `${look.motion ? ", the space bar plays" : ""}.`;
     const beside = this.test < 0 ? "" : ` ${scene.tests[this.test].name} of the test, scaled to the `
       + `same length at the sensors: MAC ${look.mac[this.test].toFixed(3)}.`;
     this.note.textContent = `${look.note}${beside} ${how}${coarse}`;
@@ -336,7 +342,8 @@ class View {
     pen.font = "24px sans-serif";
     pen.textAlign = "center";
     pen.textBaseline = "middle";
-    ["#d55e00", "#009e73", "#0072b2"].forEach((colour, k) => {
+    const style = getComputedStyle(document.documentElement);
+    ["#d55e00", ...["--green", "--blue"].map(name => style.getPropertyValue(name))].forEach((colour, k) => {
       pen.strokeStyle = pen.fillStyle = colour;
       const [x, y] = [64 + 40 * m[k], 64 - 40 * m[3 + k]];
       pen.beginPath(); pen.moveTo(64, 64); pen.lineTo(x, y); pen.stroke();
@@ -355,6 +362,7 @@ class View {
   stand(number) {
     const [yaw, tilt] = Object.values(VIEWS)[number];
     Object.assign(this, { yaw, tilt, zoom: 1, moved: [0, 0] });
+    this.measure();
     this.draw();
   }
 
@@ -369,7 +377,10 @@ class View {
     pen.drawImage(this.canvas, 0, 0, made.width, made.height);
     pen.fillStyle = style.getPropertyValue("--ink");
     pen.font = `${Math.round(14 * scale * width / this.root.clientWidth)}px sans-serif`;
-    pen.fillText(this.look.name, 8, made.height - 10);
+    const test = this.test < 0 ? "" : `, ${this.scene.tests[this.test].name} of the test, MAC `
+      + this.look.mac[this.test].toFixed(3);
+    const title = document.title.split(": ")[0];
+    pen.fillText(`${title}: ${this.look.name}${test}`, 8, made.height - 10);
     return made;
   }
 
@@ -507,6 +518,10 @@ for (const cell of document.querySelectorAll("td[data-pair]")) {
     stage.view.choose(look, test);
     stage.scrollIntoView({ block: "center" });
   };
+  const caption = cell.closest("table").caption;
+  if (caption && !caption.querySelector(".screen")) {
+    element("span", caption, { className: "screen", textContent: "; click a value to see both shapes" });
+  }
   cell.tabIndex = 0;
   cell.setAttribute("role", "button");
   cell.onclick = show;

@@ -30,20 +30,28 @@ const product = (a, b) => Array.from({ length: 9 }, (_, k) =>
 const rgb = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16) / 255);
 const digits = x => String(Number(x.toPrecision(3)));
 
-/** Triangles of faces, and their edges: those of one face alone bound something. */
-function split(faces, corners) {
+/** Triangles of faces, and their edges: of two faces in one plane, and all that bound something. */
+function split(faces, corners, points) {
   const triangles = [], inner = [], outer = [], edges = new Map();
+  const normal = ([a, b, c]) => {
+    const [u, v] = [b, c].map(i => [0, 1, 2].map(k => points[3 * i + k] - points[3 * a + k]));
+    const n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    const size = Math.hypot(...n) || 1;
+    return n.map(x => x / size);
+  };
   for (let f = 0; f < faces.length; f += corners) {
     const around = [...new Set(faces.subarray(f, f + corners))];
+    const n = normal(around);
     for (let i = 2; i < around.length; i++) triangles.push(around[0], around[i - 1], around[i]);
     around.forEach((a, i) => {
       const b = around[(i + 1) % around.length];
       const key = a < b ? a * 4294967296 + b : b * 4294967296 + a;
-      edges.set(key, (edges.get(key) || 0) + 1);
+      const other = edges.get(key); // the first face's normal, then whether the edge is flat
+      edges.set(key, other ? Math.abs(n[0] * other[0] + n[1] * other[1] + n[2] * other[2]) > 0.86 : n);
     });
   }
-  for (const [key, count] of edges) {
-    (count === 1 ? outer : inner).push(Math.floor(key / 4294967296), key % 4294967296);
+  for (const [key, flat] of edges) {
+    (flat === true ? inner : outer).push(Math.floor(key / 4294967296), key % 4294967296);
   }
   return [triangles, inner, outer].map(list => new Uint32Array(list));
 }
