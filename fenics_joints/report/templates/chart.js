@@ -22,7 +22,7 @@ function drawChart(stage, given) {
   });
   const scale = (log, text) => ({
     type: log ? "logarithmic" : "linear", title: { display: true, text },
-    ticks: { callback: plainNumber, maxTicksLimit: 9 },
+    bounds: "data", ticks: { callback: plainNumber, maxTicksLimit: 9 },
   });
   const chart = new Chart(canvas, {
     type: "scatter",
