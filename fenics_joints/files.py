@@ -44,7 +44,8 @@ _LARGEST_FILE, _LARGEST_TEXT = 2_000_000_000, 50_000_000
 #: Ends of names of files by the option that names them, the usual one first.
 SUFFIXES = {"--report": (".html", ".htm"), "--json": (".json",)}
 #: First characters of a spreadsheet's formula, or of a formula written as text.
-_SIGNED = re.compile(r"[-+]\d+(\.\d+)?( [%A-Za-z/\u00b0-\u00b7]+)?")
+#: A signed number with a unit, which no spreadsheet runs.
+_SIGNED = re.compile(r"[-+]\d+(\.\d+)? [%A-Za-z/\u00b0-\u00b7]+")
 FORMULA = re.compile(r"'*\s*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r\n]")
 
 

@@ -260,6 +260,8 @@ def written(
         if folder is not None:
             writable_folder(folder, "--out")
         for path, text in contents:
+            if path.parent == folder and path.is_symlink():
+                path.unlink()  # what it leads to may be an input
             write_text(path, text)
         outcome.summary(new_console())
         tables = sum(path.suffix == ".csv" for path, _ in contents)

@@ -311,7 +311,7 @@ def _charts(r: HarmonicReport) -> list:
         blocks += [doc.Heading("Frequency and damping over amplitude"), over_amplitude(r)]
     for points in r.built.model.interfaces:
         blocks.append(doc.Heading(f"Hysteresis in {points.name}"))
-        blocks.append(doc.Figure(partial(loops_chart, r, loops, points)))
+        blocks.append(loops_chart(r, loops, points))
         if points.points is not None:
             drawn = partial(interface_map, r, points, loops[-1][points.name])
             blocks += [doc.Heading(f"Where {points.name} slips"), doc.Figure(drawn)]
@@ -400,29 +400,31 @@ def over_amplitude(r: HarmonicReport) -> doc.View:
     return curve_chart(curves, *axes, alt, **look)
 
 
-def loops_chart(r: HarmonicReport, loops: list[dict], points) -> str:
+def loops_chart(r: HarmonicReport, loops: list[dict], points) -> doc.View:
     """Stress over strain at the point that dissipates most, at the peak of every level."""
     name, made = points.name, loops[-1][points.name]
     at = int(np.argmax(made.dissipation))
     work = np.abs(np.ptp(made.strain[at], axis=0) * np.ptp(made.stress[at], axis=0))
     component = int(np.argmax(work))
     normal = points.normal and component == 0
-    with drawing(7.6, 3.4) as figure:
-        axes = figure.subplots()
-        for shade, level, f in zip(cycle(SERIES), loops, r.facts, strict=False):
-            strain, stress = (
-                np.append(a[at, :, component], a[at, 0, component])
-                for a in (level[name].strain, level[name].stress)
-            )
-            label = quantity(f.level, r.level_unit)
-            axes.plot(strain, stress / 1e3, color=shade, lw=1.5, label=label)
-        layer = name in r.case.joints
-        words = ("normal strain", "shear strain") if layer else ("opening, m", "slip, m")
-        kind = "normal" if normal else "shear"
-        axes.set(xlabel=words[0 if normal else 1], ylabel=f"{kind} stress, kPa")
-        axes.legend(loc="best")
-        place = "" if points.points is None else _place(points.points[at])
-        return to_svg(figure, f"loops-{name}", f"Loops at the point of most dissipation{place}.")
+    curves = []
+    for shade, level, f in zip(cycle(SERIES), loops, r.facts, strict=False):
+        strain, stress = (
+            np.append(a[at, :, component], a[at, 0, component])
+            for a in (level[name].strain, level[name].stress)
+        )
+        curves.append(Curve(quantity(f.level, r.level_unit), strain, stress / 1e3, shade))
+    layer = name in r.case.joints
+    words = ("normal strain", "shear strain") if layer else ("opening, m", "slip, m")
+    place = "" if points.points is None else _place(points.points[at])
+    return curve_chart(
+        curves,
+        words[0 if normal else 1],
+        [f"{'normal' if normal else 'shear'} stress, kPa"],
+        f"Loops at the point of most dissipation{place}.",
+        file=f"loops-{name}",
+        size=(7.6, 3.0),
+    )
 
 
 def _place(point: np.ndarray) -> str:
