@@ -130,6 +130,9 @@ QUICK = (
 )
 #: How many of the blind cases CI compares: the fastest in which a cause was seen.
 QUICK_CASES = 2
+#: Not this one: the fit of its pair has two optima of like evidence, and the processor chooses (an
+#: AMD EPYC takes the other one; verdict and probabilities are the same).
+TWO_OPTIMA = "349de622"
 
 
 @dataclass(frozen=True)
@@ -164,6 +167,7 @@ def entries(table: dict) -> list[Entry]:
     cases = json.loads(CHOICE.read_text(encoding="utf-8")) if CHOICE.exists() else []
     by_time = sorted(cases, key=lambda case: case["seconds"])
     quick = [case["id"] for case in by_time if case["said"] == "cause"][:QUICK_CASES]
+    quick = [name for name in quick if name != TWO_OPTIMA]
     for case in cases:
         place = Entry(
             f"blind {case['id']}, {case['geometry']}, {case['kind']}",
