@@ -25,7 +25,7 @@ def frequency_panels(
     after: Gap,
     condition: tuple[str, str],
     *,
-    labels: tuple[str, str] = ("nominal model", "model with the cause"),
+    labels: tuple[str, str] = ("baseline model", "model with the cause"),
     log_sd: np.ndarray | None = None,
     validation: tuple[Gap | None, Gap] | None = None,
     held_out: np.ndarray | None = None,

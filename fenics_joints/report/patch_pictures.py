@@ -129,7 +129,7 @@ def patch_bar(figure, axes, norm: Normalize) -> None:
         format=lambda value, _: f"{100 * abs(value):.3g} %",
     )
     bar.set_label(
-        "share of the misfit that a change here alone explains\n"
+        "share of chi-square that a change here alone explains\n"
         "blue: stiffer or lighter than in the model   |   red: softer or heavier"
     )
     bar.outline.set_visible(False)
@@ -149,7 +149,7 @@ def patch_legend(figure, cells: PatchMap, bolt: Mapping = _BOLT) -> None:
         if shown
     ]
     if not cells.seen.all():
-        handles.append(Patch(fc=UNSEEN, ec="#9aa0a8", label="not seen by this test"))
+        handles.append(Patch(fc=UNSEEN, ec="#9aa0a8", label="not visible to this test"))
     if len(cells.bolts):
         handles.append(Line2D([], [], color="#14181d", lw=0.9, label="bolt", **bolt))
     figure.legend(
@@ -162,7 +162,7 @@ def patches_alt(cells: PatchMap) -> str:
     best = sorted(cells.tests, key=lambda t: -t.share)[:3]
     words = "; ".join(f"{t.zone} {100 * t.share:.0f} % ({t.way})" for t in best)
     return (
-        f"Structure taken apart, in {len(cells.tests)} patches coloured by the share of the misfit "
+        f"Structure taken apart, in {len(cells.tests)} patches coloured by the share of chi-square "
         f"that a change there alone explains. Largest: {words}. "
         f"More than chance: {int(cells.significant.sum())}; could be the only one: "
         f"{', '.join(np.array([t.zone for t in cells.tests])[cells.sufficient]) or 'none'}."

@@ -293,7 +293,7 @@ def _properties(structure: Structure, region: Region) -> dict[str, float]:
         size = found.pop(key, 1.0)
         if size != 1.0:
             raise InputError(
-                f"structure: {region.name}.{key} = {size:g}: expected 1 in the nominal model, "
+                f"structure: {region.name}.{key} = {size:g}: expected 1 in the baseline model, "
                 "whose mesh is as thick and wide as the body is; give what is known of it as a "
                 "tolerance"
             )

@@ -13,21 +13,23 @@ function save(address, name) {
   link.remove();
 }
 
-// On paper all that is folded away stands at the end, as an appendix.
+// On paper all that is folded away, and questions with long answers, stand at the end.
 const moved = [];
 addEventListener("beforeprint", () => {
-  const folded = [...document.querySelectorAll("main details:not(.parts)")].filter(d => !d.parentElement.closest("details"));
+  const folded = [...document.querySelectorAll("main details:not(.parts), #words")]
+    .filter(d => !d.parentElement.closest("details"));
   if (moved.length || !folded.length) return;
   const appendix = element("section", document.querySelector("main"), { id: "appendix" });
   element("h2", appendix, { textContent: "Appendix" });
   for (const block of folded) {
     const heads = /^H[23]$/, above = block.previousElementSibling, below = block.nextElementSibling;
-    const alone = above && heads.test(above.tagName) && (!below || heads.test(below.tagName));
+    const alone = above && heads.test(above.tagName)
+      && (!below || below === appendix || folded.includes(below) || heads.test(below.tagName));
     for (const one of alone ? [above, block] : [block]) {
       const place = document.createComment("");
       one.replaceWith(place);
       moved.push([place, one, one.open]);
-      if (one === block) one.open = true;
+      if (one.tagName === "DETAILS") one.open = true;
       appendix.append(one);
     }
   }
