@@ -29,7 +29,7 @@ from harness import ROOT, launcher, parser, run, threads
 
 HERE = Path(__file__).resolve().parent
 PAGE = ROOT / "docs" / "speed.md"
-TABLE = re.compile(r"(<!-- table: benchmarks/run.py -->\n\n).*?(?=\n<!-- end -->)", re.DOTALL)
+TABLE = re.compile(r"(<!-- table: benchmarks/run.py -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -272,7 +272,7 @@ def main() -> None:
         arguments.json.write_text(json.dumps(results, indent=2) + "\n")
     if arguments.write:
         text = PAGE.read_text(encoding="utf-8")
-        shown = TABLE.sub(lambda old: old[1] + table(results), text)
+        shown = TABLE.sub(lambda old: f"{old[1]}\n{table(results)}\n", text)
         PAGE.write_text(shown, encoding="utf-8")
 
 
