@@ -43,9 +43,9 @@ _DIGITS = 64
 _LARGEST_FILE, _LARGEST_TEXT = 2_000_000_000, 50_000_000
 #: Ends of names of files by the option that names them, the usual one first.
 SUFFIXES = {"--report": (".html", ".htm"), "--json": (".json",)}
-#: First characters of a spreadsheet's formula, or of a formula written as text.
 #: A signed number with a unit, which no spreadsheet runs.
 _SIGNED = re.compile(r"[-+]\d+(\.\d+)? [%A-Za-z/\u00b0-\u00b7]+")
+#: First characters of a spreadsheet's formula, or of a formula written as text.
 FORMULA = re.compile(r"'*\s*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r\n]")
 
 
@@ -389,6 +389,12 @@ def _digest(file: BinaryIO, length: int) -> bytes:
         digest.update(block)
         length -= len(block)
     return digest.hexdigest().encode()
+
+
+def file_digest(path: str | Path) -> str:
+    """SHA-256 of a file's content, in hexadecimal digits; raises OSError if it cannot be read."""
+    with open(path, "rb") as file:
+        return _digest(file, os.path.getsize(path)).decode()
 
 
 def json_digest(content: object, default: Callable[[object], object] | None = None) -> str:

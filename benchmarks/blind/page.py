@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-import jinja2
 import numpy as np
 from markupsafe import Markup
 from scipy.stats import norm
@@ -15,10 +14,8 @@ from benchmarks.blind.rates import clopper_pearson
 from benchmarks.blind.score import APART
 from benchmarks.blind.targets import targets
 from fenics_joints.report import style as pictures
-from fenics_joints.report.html import TEMPLATES
+from fenics_joints.report.html import page_environment
 from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, PLACEBO
-
-_TEMPLATES = (Path(__file__).parent, TEMPLATES)
 
 
 def page(scores: Mapping, sealed: Mapping) -> str:
@@ -28,13 +25,7 @@ def page(scores: Mapping, sealed: Mapping) -> str:
         scores: From `score.score`.
         sealed: The published list.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
+    environment = page_environment(Path(__file__).parent)
     environment.globals.update(version=fenics_joints.__version__, apart=APART)
     environment.filters.update(rate=_rate, number=_number, span=_span)
     drawn = {

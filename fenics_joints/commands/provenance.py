@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import fenics_joints
-from fenics_joints.files import shown_path
+from fenics_joints.files import file_digest, shown_path
 from fenics_joints.formatting import printable
 from fenics_joints.parallel import on_root
 
@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from fenics_joints.case import Case
-
-#: Bytes of a file that are read at once.
-_BLOCK = 1 << 20
 
 
 def provenance(
@@ -73,11 +70,7 @@ def _beside(path: Path, folder: Path) -> str:
 
 def _sha256(path: Path) -> str:
     """SHA-256 of a file's content, hexadecimal; empty if it cannot be read."""
-    digest = hashlib.sha256()
     try:
-        with open(path, "rb") as file:
-            while block := file.read(_BLOCK):
-                digest.update(block)
+        return file_digest(path)
     except OSError:
         return ""
-    return digest.hexdigest()

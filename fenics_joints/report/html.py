@@ -57,24 +57,32 @@ class DocumentPage:
         """
         if self.blocks is None:
             return ""
-        environment = jinja2.Environment(
-            loader=jinja2.FileSystemLoader(TEMPLATES),
-            autoescape=True,
-            trim_blocks=True,
-            lstrip_blocks=True,
-            undefined=jinja2.StrictUndefined,
-        )
         script, policy = _script(_kinds(self.blocks))
-        return environment.get_template("document.html").render(
-            document=self.document,
-            blocks=self.blocks,
-            version=fenics_joints.__version__,
-            run=run or {},
-            paper=_on_paper(self.document.title, run or {}),
-            script=script,
-            policy=policy,
-            files={table: name for name, table in self.tables().items()},
+        return (
+            page_environment()
+            .get_template("document.html")
+            .render(
+                document=self.document,
+                blocks=self.blocks,
+                version=fenics_joints.__version__,
+                run=run or {},
+                paper=_on_paper(self.document.title, run or {}),
+                script=script,
+                policy=policy,
+                files={table: name for name, table in self.tables().items()},
+            )
         )
+
+
+def page_environment(*folders: Path) -> jinja2.Environment:
+    """Jinja's environment of pages: `TEMPLATES` and others before them; all texts are escaped."""
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader([*folders, TEMPLATES]),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
 
 
 def _on_paper(title: str, run: Mapping[str, object]) -> str:
