@@ -61,15 +61,16 @@ def reduced(full):
     return reduce(full, [{}, soft], N_MODES, travel={"tip": (0.0, 0.04)})
 
 
-def check_taylor(model, steps):
+def check_taylor(model, steps, **options):
     modes = solve_modes(model, n_modes=N_MODES)
     elastic = np.arange(modes.n_rigid, N_MODES - 1)
-    options = {"n_modes": N_MODES, "solver": modes.solver}
+    options |= {"n_modes": N_MODES, "solver": modes.solver}
     assert_second_order(model, steps, elastic, modes=modes, **options)
 
 
 def test_full_gradient(full):
-    check_taylor(full, {name: step / 8 for name, (_, step) in STEPS.items()})
+    # Round-off moves the lowest eigenvalue by up to 1e-9 of it, as it does the rigid-body zeros.
+    check_taylor(full, {name: step / 8 for name, (_, step) in STEPS.items()}, floor=3e-8)
 
 
 def test_reduced_gradient(reduced):
