@@ -151,10 +151,10 @@ class EigenSolver:
         with self._options(K.comm) as options:
             first = self.shifted is None
             solve = self._solve_slepc if options.hasName("eps_type") else self._solve_block
-            values, X, stats = solve(K, M, initial)
+            values, X, R, stats = solve(K, M, initial)
             if first:
                 say_unused(self.prefix, self.petsc_options)
-        residuals = _residuals(K, M, values, X, self.shift)
+        residuals = _residuals(K, M, values, R, self.shift)
         # The recurrence's own estimate decides convergence; this catches a wrong factorisation.
         if not np.all(residuals <= max(1e3 * self.tol, 1e-6)):
             raise ConvergenceError(
@@ -282,7 +282,8 @@ class EigenSolver:
         return A, ksp
 
     def _solve_block(self, K, M, initial):
-        operator = Operator(self._factorised(K, M)[1], M)
+        A, ksp = self._factorised(K, M)
+        operator = Operator(ksp, M)
         size = K.getSize()[0]
         block = min(self.block or _default_block(self.n, initial), size)
         largest = min(max(self.max_basis or 0, self.n + 6 * block), size)
@@ -290,6 +291,7 @@ class EigenSolver:
         try:
             args = operator, start, self.n, self.tol, largest, self.max_restarts
             theta, X, basis = lanczos(*args)
+            R = product(A, X) - operator.mass(X) / theta
         finally:
             operator.destroy()
         stats = {
@@ -298,7 +300,7 @@ class EigenSolver:
             "block_solves": operator.calls,
             "basis": basis,
         }
-        return self.shift + 1.0 / theta, X, stats
+        return self.shift + 1.0 / theta, X, R, stats
 
     def _solve_slepc(self, K, M, initial):
         eps = self.solver
@@ -330,15 +332,15 @@ class EigenSolver:
             "restarts": eps.getIterationNumber(),
             "basis": eps.getDimensions()[1],
         }
-        return values[order], X, stats
+        values = values[order]
+        return values, X, product(K, X) - product(M, X) * values, stats
 
 
-def _residuals(K, M, values, X, shift) -> np.ndarray:
-    """Relative residuals as in EigenResult."""
+def _residuals(K, M, values, R, shift) -> np.ndarray:
+    """Relative residuals as in EigenResult, of the columns of R = K X - M X Lambda."""
     diagonal = K.getDiagonal()
     diagonal.axpy(-shift, M.getDiagonal())
-    r = product(K, X) - product(M, X) * values
-    squares = np.sum(np.abs(r) ** 2 / np.abs(diagonal.array_r)[:, None], axis=0)
+    squares = np.sum(np.abs(R) ** 2 / np.abs(diagonal.array_r)[:, None], axis=0)
     squares = K.comm.tompi4py().allreduce(squares, op=MPI.SUM)
     return np.sqrt(squares / np.maximum(values - shift, np.finfo(float).tiny))
 
