@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from datetime import datetime, timedelta
 from typing import TextIO
 
-#: Where launchers say the rank, before MPI itself is started.
-LAUNCHED = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
+from fenics_joints.machine.ranks import LAUNCHED, joined
 
 _loudness = "normal"
 #: Open progress displays of this process, the innermost last.
@@ -47,12 +46,11 @@ def reading(name: str, size: int, total: int | None = None) -> Progress:
 def is_terminal(stream: TextIO) -> bool:
     """Whether a stream is a terminal that can be drawn on.
 
-    Under a launcher it is not: Open MPI gives each rank a terminal of its own (of no size), and
-    passes on what is written there, escape codes included, be it into a file.
+    Under a launcher of the user's it is not: Open MPI gives each rank a terminal of its own (of no
+    size), and passes on what is written there, escape codes included, be it into a file.
     """
-    if os.environ.get("TERM") == "dumb" or any(key in os.environ for key in LAUNCHED):
-        return False
-    return stream.isatty()
+    launched = any(key in os.environ for key in LAUNCHED) and not joined()
+    return os.environ.get("TERM") != "dumb" and not launched and stream.isatty()
 
 
 class Progress:
