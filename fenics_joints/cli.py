@@ -254,9 +254,9 @@ def _command(
         from fenics_joints.files import check_outputs
         from fenics_joints.machine import form_cache, memory
         from fenics_joints.parallel import on_root
-        from fenics_joints.progress import Progress
+        from fenics_joints.progress import Progress, compiling
 
-        form_cache.install()
+        form_cache.install(compiling)
         memory.hold_freed()
         comm = MPI.COMM_WORLD
 
@@ -280,7 +280,7 @@ def _command(
 
 def _in_ranks(asked: int | None) -> None:
     """Run the command on the cores of the machine, and end as it did, unless this is a rank."""
-    number = (asked or ranks.cores()) if ranks.may_start() else 1
+    number = (asked or min(ranks.cores(), ranks.MOST)) if ranks.may_start() else 1
     if number == 1:
         return
     end = ranks.run_on(number)

@@ -43,6 +43,12 @@ def reading(name: str, size: int, total: int | None = None) -> Progress:
     return progress
 
 
+def compiling() -> None:
+    """Say once in the running command, if there is one, that code is compiled for it."""
+    if _contexts:
+        _contexts[-1].mention("compiling forms: the first run of such a case, kept for the next")
+
+
 def is_terminal(stream: TextIO) -> bool:
     """Whether a stream is a terminal that can be drawn on.
 
@@ -81,6 +87,7 @@ class Progress:
         self._live = self._task = self._total = None
         self._done, self._text, self._said = 0, "", 0.0
         self._stages: Sequence[str] = ()
+        self._mentioned: set[str] = set()
 
     def __enter__(self) -> Progress:
         _contexts.append(self)
@@ -123,6 +130,12 @@ class Progress:
             so_far = _span(time.monotonic() - self._entered)
             place = f"stage {self._stages.index(name) + 1} of {len(self._stages)}"
             self._tell(f"{place}: {name} ({so_far} so far)")
+
+    def mention(self, line: str) -> None:
+        """Say a line, if it was not said before."""
+        if line not in self._mentioned:
+            self._mentioned.add(line)
+            self._tell(line)
 
     def _tell(self, line: str) -> None:
         if not self._open:

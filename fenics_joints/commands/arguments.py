@@ -11,7 +11,7 @@ import click
 import typer
 from typer.core import TyperOption
 
-from fenics_joints.machine.ranks import VARIABLE
+from fenics_joints.machine.ranks import MOST, VARIABLE
 from fenics_joints.progress import loudness
 
 #: What `--out` writes, by the format.
@@ -98,8 +98,8 @@ def case_options(name: str | None, params: Sequence[click.Parameter]) -> Iterato
             metavar="N",
             envvar=VARIABLE,
             show_envvar=False,
-            help=f"Processes that compute; by default one per core, or {VARIABLE} of the "
-            "environment. mpirun and batch systems start them by themselves.",
+            help=f"Processes that compute; by default one per core, at most {MOST}, or as "
+            f"{VARIABLE} of the environment says. mpirun and batch systems start their own.",
         )
     several = f"With --out: {', '.join(FORMATS)}, or some of them with commas; all by default."
     files = {"type": click.types.FuncParamType(named_path)}

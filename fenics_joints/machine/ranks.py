@@ -28,6 +28,9 @@ from fenics_joints.machine.signals import ENDING
 
 #: Environment variable with the number of ranks to start.
 VARIABLE = "FENICS_JOINTS_RANKS"
+#: Ranks that are started unasked, at most: each takes memory of its own, and few of a command's
+#: steps gain from more (`docs/cluster.md`).
+MOST = 4
 #: Where a launcher says the rank, before MPI itself is started.
 LAUNCHED = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
 #: Jobs of batch systems, whose scripts say where ranks are started, and how many.
