@@ -66,8 +66,12 @@ def python_command(given: str | None, script: str, *words: object, ranks: int = 
 
 
 def threads(count: int) -> dict[str, str]:
-    """Environment of a process with so many threads."""
-    return {"OMP_NUM_THREADS": str(count), "OPENBLAS_NUM_THREADS": str(count)}
+    """Environment of one process with so many threads."""
+    return {
+        "OMP_NUM_THREADS": str(count),
+        "OPENBLAS_NUM_THREADS": str(count),
+        "FENICS_JOINTS_RANKS": "1",
+    }
 
 
 def run(command, cwd: Path, environment: Mapping[str, str]) -> dict[str, float]:

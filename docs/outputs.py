@@ -185,7 +185,7 @@ def _command(command: str, columns: str, folder: Path) -> str:
     done = subprocess.run(
         [sys.executable, "-m", "fenics_joints", *arguments, *page],
         cwd=REPOSITORY,
-        env={**os.environ, "COLUMNS": columns, "NO_COLOR": "1"},
+        env={**os.environ, "COLUMNS": columns, "NO_COLOR": "1", "FENICS_JOINTS_RANKS": "1"},
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,

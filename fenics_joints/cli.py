@@ -23,9 +23,10 @@ from fenics_joints.commands.database import app as database_app
 from fenics_joints.commands.line import new_app
 from fenics_joints.commands.start import check, new, schema, written
 from fenics_joints.formatting import printable
+from fenics_joints.machine import ranks
 from fenics_joints.machine.imports import guard
 from fenics_joints.machine.streams import environment, open_streams
-from fenics_joints.progress import LAUNCHED, loudness
+from fenics_joints.progress import loudness
 
 if TYPE_CHECKING:
     from fenics_joints.case import Case
@@ -191,11 +192,11 @@ def _options(
 
 def main() -> None:
     """Entry point of the ``fenics-joints`` command."""
-    if any(os.environ.get(key, "0") != "0" for key in LAUNCHED):
+    if any(os.environ.get(key, "0") != "0" for key in ranks.LAUNCHED):
         # Help and usage errors come from every rank; one is enough.
         sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115
     guard()
-    with open_streams():
+    with ranks.reported(), open_streams():
         environment()
         arguments = sys.argv[1:]
         sys.argv[1:] = map(printable, arguments)  # DOLFINx reads them, too, and only UTF-8
@@ -242,18 +243,20 @@ def _command(
         )
     if given.formats != FORMATS and given.out is None:
         raise typer.BadParameter("chooses what --out writes; expected --out", param_hint="--format")
+    _in_ranks(given.ranks)
     with guarded(given.debug):
         from mpi4py import MPI
 
+        ranks.join(MPI.COMM_WORLD.rank, MPI.COMM_WORLD.size)
         from fenics_joints import commands
         from fenics_joints.case import load_case, own_code
         from fenics_joints.commands.provenance import provenance
         from fenics_joints.files import check_outputs
         from fenics_joints.machine import form_cache, memory
         from fenics_joints.parallel import on_root
-        from fenics_joints.progress import Progress
+        from fenics_joints.progress import Progress, compiling
 
-        form_cache.install()
+        form_cache.install(compiling)
         memory.hold_freed()
         comm = MPI.COMM_WORLD
 
@@ -273,6 +276,18 @@ def _command(
             outcome = getattr(commands, name)(case, comm, progress, **options)
             finish = written(comm, command, outcome, given, progress, run, notes)
         finish()
+
+
+def _in_ranks(asked: int | None) -> None:
+    """Run the command on the cores of the machine, and end as it did, unless this is a rank."""
+    number = (asked or min(ranks.cores(), ranks.MOST)) if ranks.may_start() else 1
+    if number == 1:
+        return
+    end = ranks.run_on(number)
+    if isinstance(end, int):
+        raise typer.Exit(end)
+    if loudness() != "quiet":
+        typer.echo(f"note: one rank computes, not {number}: {end}", err=True)
 
 
 def _check_size(comm, case: Case, name: str, options: dict, large: bool) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 from fenics_joints.errors import JointsError
 from fenics_joints.formatting import printable
+from fenics_joints.machine.ranks import report
 from fenics_joints.machine.signals import Stop, Terminated, stoppable
 
 if TYPE_CHECKING:
@@ -126,7 +127,7 @@ def guarded(debug: bool = False) -> Iterator[None]:
             alone = not _all_arrive(comm)
             _say(_message(error, comm.rank, alone) if comm.rank == 0 or alone else None)
             if alone:
-                comm.Abort(1)
+                _abort(comm, 1)
             if _no_memory(error):  # the interpreter's and MPI's own ends would fail too, at length
                 _leave(1)
             sys.exit(1)
@@ -140,13 +141,19 @@ def _end(comm, stop: Stop) -> NoReturn:
         # If all ranks got the signal, as by Ctrl-C, none needs MPI_Abort and the page it prints.
         # MPI_Finalize would wait for lost messages.
         if not _all_arrive(comm):
-            comm.Abort(stop.exit_code)
+            _abort(comm, stop.exit_code)
         _leave(stop.exit_code)
     sys.exit(stop.exit_code)
 
 
+def _abort(comm, exit_code: int) -> None:
+    report(exit_code)
+    comm.Abort(exit_code)
+
+
 def _leave(exit_code: int) -> NoReturn:
     """End here, without what the interpreter and MPI do at their ends."""
+    report(exit_code)
     with suppress(OSError, MemoryError):
         sys.stdout.flush()
     os._exit(exit_code)

@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from datetime import datetime, timedelta
 from typing import TextIO
 
-#: Where launchers say the rank, before MPI itself is started.
-LAUNCHED = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
+from fenics_joints.machine.ranks import LAUNCHED, joined
 
 _loudness = "normal"
 #: Open progress displays of this process, the innermost last.
@@ -44,15 +43,20 @@ def reading(name: str, size: int, total: int | None = None) -> Progress:
     return progress
 
 
+def compiling() -> None:
+    """Say once in the running command, if there is one, that code is compiled for it."""
+    if _contexts:
+        _contexts[-1].mention("compiling forms: the first run of such a case, kept for the next")
+
+
 def is_terminal(stream: TextIO) -> bool:
     """Whether a stream is a terminal that can be drawn on.
 
-    Under a launcher it is not: Open MPI gives each rank a terminal of its own (of no size), and
-    passes on what is written there, escape codes included, be it into a file.
+    Under a launcher of the user's it is not: Open MPI gives each rank a terminal of its own (of no
+    size), and passes on what is written there, escape codes included, be it into a file.
     """
-    if os.environ.get("TERM") == "dumb" or any(key in os.environ for key in LAUNCHED):
-        return False
-    return stream.isatty()
+    launched = any(key in os.environ for key in LAUNCHED) and not joined()
+    return os.environ.get("TERM") != "dumb" and not launched and stream.isatty()
 
 
 class Progress:
@@ -83,6 +87,7 @@ class Progress:
         self._live = self._task = self._total = None
         self._done, self._text, self._said = 0, "", 0.0
         self._stages: Sequence[str] = ()
+        self._mentioned: set[str] = set()
 
     def __enter__(self) -> Progress:
         _contexts.append(self)
@@ -125,6 +130,12 @@ class Progress:
             so_far = _span(time.monotonic() - self._entered)
             place = f"stage {self._stages.index(name) + 1} of {len(self._stages)}"
             self._tell(f"{place}: {name} ({so_far} so far)")
+
+    def mention(self, line: str) -> None:
+        """Say a line, if it was not said before."""
+        if line not in self._mentioned:
+            self._mentioned.add(line)
+            self._tell(line)
 
     def _tell(self, line: str) -> None:
         if not self._open:

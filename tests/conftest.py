@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -16,6 +17,8 @@ import pytest
 # installed package is found before the sources beside this folder.
 sys.path.insert(0, str(Path(__file__).parent / "helpers"))
 sys.path.append(str(Path(__file__).parents[1]))
+# Tests run side by side already.
+os.environ.setdefault("FENICS_JOINTS_RANKS", "1")
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -275,7 +275,7 @@ def compute(entry: Entry, seconds: float) -> dict:
                 timeout=seconds,
                 capture_output=True,
                 text=True,
-                env={**os.environ, **_MPI, "OMP_NUM_THREADS": "1"},
+                env={**os.environ, **_MPI, "OMP_NUM_THREADS": "1", "FENICS_JOINTS_RANKS": "1"},
             )
         except subprocess.TimeoutExpired:
             return {"error": f"stopped after {seconds:.0f} s"}

@@ -94,7 +94,7 @@ def _diagnose(folder: Path, case: dict, seconds: float) -> dict:
                 capture_output=True,
                 text=True,
                 timeout=seconds,
-                env=os.environ | {"OMP_NUM_THREADS": "1"},
+                env=os.environ | {"OMP_NUM_THREADS": "1", "FENICS_JOINTS_RANKS": "1"},
             )
             error = done.stderr[-4000:] if done.returncode or not out.exists() else None
         except subprocess.TimeoutExpired:

@@ -11,6 +11,7 @@ import click
 import typer
 from typer.core import TyperOption
 
+from fenics_joints.machine.ranks import MOST, VARIABLE
 from fenics_joints.progress import loudness
 
 #: What `--out` writes, by the format.
@@ -62,6 +63,7 @@ class CaseOptions:
         changes: Keys of the case with other values, ``KEY=VALUE``.
         large: Whether a model goes on that seems too large for the machine.
         debug: Whether errors keep Python's traceback.
+        ranks: How many processes compute; None for one per core.
     """
 
     json: Path | None = None
@@ -71,6 +73,7 @@ class CaseOptions:
     changes: Sequence[str] = ()
     large: bool = False
     debug: bool = False
+    ranks: int | None = None
 
     @classmethod
     def given(cls) -> CaseOptions:
@@ -82,10 +85,22 @@ class CaseOptions:
         return {"--json": self.json, "--report": self.report}
 
 
-def case_options(params: Sequence[click.Parameter]) -> Iterator[TyperOption]:
+def case_options(name: str | None, params: Sequence[click.Parameter]) -> Iterator[TyperOption]:
     """The options of `CaseOptions` and ``--allow-code``, for a command that reads a case."""
     if not any(param.name == "case" for param in params):
         return
+    if name != "check":  # all others compute
+        yield TyperOption(
+            param_decls=["--ranks"],
+            expose_value=False,
+            callback=_keep,
+            type=click.IntRange(min=1),
+            metavar="N",
+            envvar=VARIABLE,
+            show_envvar=False,
+            help=f"Processes that compute; by default one per core, at most {MOST}, or as "
+            f"{VARIABLE} of the environment says. mpirun and batch systems start their own.",
+        )
     several = f"With --out: {', '.join(FORMATS)}, or some of them with commas; all by default."
     files = {"type": click.types.FuncParamType(named_path)}
     flag = {"is_flag": True, "default": False}

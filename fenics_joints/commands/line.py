@@ -88,7 +88,7 @@ class _Command(_Plain, TyperCommand):
     def __init__(self, name, *, params=None, epilog=None, **settings):
         super().__init__(
             name,
-            params=[*(params or ()), *case_options(params or ()), *_how_much()],
+            params=[*(params or ()), *case_options(name, params or ()), *_how_much()],
             epilog=epilog or _examples(name),
             **settings,
         )

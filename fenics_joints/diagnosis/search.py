@@ -189,7 +189,7 @@ class Search:
             for effect in effects:
                 own = (*parent.fit.hypothesis.effects, effect)
                 keys = frozenset(e.key for e in own)
-                if not _compatible(own) or self._is_another(own):
+                if not _compatible(own) or (keys not in sets and self._is_another(own)):
                     continue
                 h = self._hypothesis(own)
                 score = looks[effect.key] + float(self.log_prior([h])[0])

@@ -23,6 +23,7 @@ from fenics_joints.joint_laws.law import JointLaw, is_rated
 from fenics_joints.joint_laws.source import law_source
 from fenics_joints.machine.imports import without_local_settings
 from fenics_joints.machine.private import cache_folder
+from fenics_joints.progress import compiling
 
 _DECLARATIONS = """
 int law_step(int P, int E, const double *e, const double *s, const double *p, double *f,
@@ -332,6 +333,7 @@ def _machine() -> tuple[list[str], str]:
 
 
 def _build(name: str, source: str, folder: Path, flags: list[str]) -> Path:
+    compiling()
     ffi = cffi.FFI()
     ffi.cdef(_DECLARATIONS)
     ffi.set_source(name, source, extra_compile_args=flags)

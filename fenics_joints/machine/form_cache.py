@@ -44,8 +44,18 @@ _DAMAGED = (ImportError, OSError, TimeoutError)
 _own: dict[str, Path] = {}
 
 
-def install() -> None:
-    """Let DOLFINx take compiled forms from here, in this process; again does nothing."""
+#: Called before a form is compiled.
+_tell: Callable[[], None] | None = None
+
+
+def install(tell: Callable[[], None] | None = None) -> None:
+    """Let DOLFINx take compiled forms from here, in this process; again does nothing.
+
+    Args:
+        tell: Called before each form that is compiled, since it was not kept.
+    """
+    global _tell
+    _tell = tell or _tell
     decorated = dolfinx.jit.ffcx_jit
     if getattr(decorated, "whole_folders", False):
         return
@@ -101,6 +111,8 @@ def _made(key: str, cache: Path, at: Callable[[Path], tuple]) -> tuple:
     with _locked(cache / f"{key}.lock"):
         if folder.is_dir():  # made while we waited
             return at(folder)
+        if _tell is not None:
+            _tell()
         _sweep(cache)
         scratch = Path(tempfile.mkdtemp(prefix=".", dir=cache))
         try:

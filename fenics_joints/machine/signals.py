@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 #: Those that end a command: Ctrl-C, what mpirun and batch systems send, a terminal that is closed.
-_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Terminated(BaseException):
@@ -44,13 +44,15 @@ class Stop:
 def stoppable() -> Iterator[Stop]:
     """Hear signals that end a command, and let writing to a closed pipe be an error, not the end.
 
-    PETSc would end all ranks when a reader, such as a browser's tab or ``head``, goes away.
+    PETSc would end all ranks when a reader, such as a browser's tab or ``head``, goes away, and UCX
+    below MPI takes a closed terminal for the wish to see its debug messages.
     """
     options = os.environ.get("PETSC_OPTIONS", "")
     os.environ["PETSC_OPTIONS"] = f"{options} -no_signal_handler".strip()  # where it starts later
+    os.environ.setdefault("UCX_DEBUG_SIGNO", "0")
     stop = Stop()
     before = {signal.SIGPIPE: signal.signal(signal.SIGPIPE, signal.SIG_IGN)}
-    for number in _ENDING:
+    for number in ENDING:
         # Ignored by who started us, as nohup and shells do for what runs in the background.
         if signal.getsignal(number) is not signal.SIG_IGN:
             before[number] = signal.signal(number, stop)
@@ -58,6 +60,6 @@ def stoppable() -> Iterator[Stop]:
         yield stop
     finally:
         # Who was asked to end is on the way out: asked again, it must not lose its exit code.
-        deaf = dict.fromkeys(_ENDING, signal.SIG_IGN) if stop.leaving and stop.number else {}
+        deaf = dict.fromkeys(ENDING, signal.SIG_IGN) if stop.leaving and stop.number else {}
         for number, handler in before.items():
             signal.signal(number, deaf.get(number, handler))

@@ -133,3 +133,21 @@ def test_without_a_place_forms_are_compiled_all_the_same(tmp_path, place):
         own = temporary / f"fenics_joints_{os.geteuid()}"
         assert len(list(own.rglob("*.so"))) == 2
         own.chmod(0o777)
+
+
+@serial
+def test_the_first_run_of_a_case_says_that_it_compiles(tmp_path, write_case):
+    """Once, and nothing the second time, on two ranks that begin without any forms."""
+    write_case(tmp_path)
+    command = [sys.executable, "-m", "fenics_joints", "modes", str(tmp_path), "--ranks", "2"]
+    for said in (1, 0):
+        done = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+            env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")},
+        )
+        assert done.returncode == 0 and done.stderr.count("compiling forms") == said, done.stderr
+    assert forms(tmp_path / "cache")

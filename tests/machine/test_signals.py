@@ -47,7 +47,9 @@ def run(code: str) -> subprocess.Popen:
 
 
 @serial
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
 @pytest.mark.parametrize("caught", ["ZeroDivisionError", "BaseException"])
 def test_a_stop_is_known_as_one_even_inside_petsc(number, code, caught):
     process = run(SCRIPT.format(caught=caught))

@@ -30,9 +30,9 @@ from fenics_joints.reduction import ModalPrediction
 
 #: Frequencies at which losses are compared, Hz. [numerical: chosen]
 _HZ = (30.0, 700.0)
-#: Step of derivatives that pair parameters, and points at random that check the pairs. [numerical:
-#: chosen]
-_STEP, _PROBES = 1e-3, 3
+#: Step of derivatives that pair parameters, points at random that check the pairs, and where all
+#: parameters are for a first look, in standard deviations of their priors. [numerical: chosen]
+_STEP, _PROBES, _ALIKE = 1e-3, 3, 0.5
 
 
 class KnownEffects:
@@ -46,7 +46,7 @@ class KnownEffects:
     def __init__(self, baseline: Mapping[str, float], conditions: Iterable[float]):
         self._baseline, self._conditions = dict(baseline), tuple(float(c) for c in conditions)
         self._touched: dict[str, frozenset[str]] = {}
-        self._met: dict[tuple, list[tuple[Effect, ...]]] = {}
+        self._met: dict[tuple, list[tuple[tuple[Effect, ...], dict]]] = {}
 
     def same(self, effects: Sequence[Effect]) -> tuple[Effect, ...] | None:
         """The first known set that does the same to the model; None if there is none, and the set
@@ -54,11 +54,13 @@ class KnownEffects:
         effects = tuple(effects)
         if not effects or any(e.sensing is not None for e in effects):
             return None
-        alike = self._met.setdefault(self._outline(effects), [])
-        for other in alike:
-            if equal(effects, other, self._baseline, self._conditions):
+        alike, h = self._met.setdefault(self._outline(effects), []), Hypothesis(effects)
+        # Where all parameters are alike, equal sets agree however these are paired.
+        there = _made(h, np.full(len(h.priors), _ALIKE), self._baseline, self._conditions)
+        for other, values in alike:
+            if _close(there, values) and equal(effects, other, self._baseline, self._conditions):
                 return other
-        alike.append(effects)
+        alike.append((effects, there))
         return None
 
     def _outline(self, effects: tuple[Effect, ...]) -> tuple:
