@@ -306,11 +306,7 @@ def extended(modal: ModalPencil, pencil: DampedPencil, columns: np.ndarray) -> M
 
 def with_terms(modal: ModalPencil, pencil: DampedPencil) -> ModalPencil:
     """The same with derivatives by the parameters. Collective."""
-    terms = []
-    for term in pencil.terms():
-        terms.append(replace(term, form=project(term.form, modal.basis)))
-        term.destroy()
-    return replace(modal, terms=terms)
+    return replace(modal, terms=list(pencil.terms(modal.basis)))
 
 
 def _on_basis(pencil: DampedPencil, modes: Modes, rest: np.ndarray) -> ModalPencil:

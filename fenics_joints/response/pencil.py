@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from fenics_joints.errors import InputError, wanted
 from fenics_joints.structure import Damped, Damping
-from fenics_joints.structure.sparse import MatrixForm, product
+from fenics_joints.structure.sparse import MatrixForm, product, project, slope_products
 
 
 @dataclass(frozen=True)
@@ -94,10 +94,16 @@ class DampedPencil:
             total += (self.damping.stiffness_factor(s, name) - base) * times(A)
         return total
 
-    def terms(self) -> Iterator[Term]:
-        """dZ/dp of all parameters but those of modal damping ratios. Collective."""
+    def terms(self, basis: np.ndarray | None = None) -> Iterator[Term]:
+        """dZ/dp of all parameters but those of modal damping ratios. Collective.
+
+        Args:
+            basis: This rank's rows of vectors, (n_local, m), on which the forms are wanted, as
+                symmetric (m, m) arrays; without, they are forms that multiply blocks.
+        """
         model, named, numbers = self.structure, self.named, self.damping
-        for p, kind, name, form in model.slopes(self.values, named.layers):
+        slopes = model.slopes(self.values, named.layers)
+        for p, kind, name, form in slopes if basis is None else _projected(slopes, basis):
             factor = numbers.mass_factor
             if kind == "K":
                 factor = partial(numbers.stiffness_factor, name=name)
@@ -110,7 +116,15 @@ class DampedPencil:
         position = {name: i for i, name in enumerate(model.parameters)}
         for value, factor, A in found:
             if isinstance(value, str):
-                yield Term(position[value], "D", factor, A if model.is_dense else MatrixForm(A))
+                form = A if model.is_dense else MatrixForm(A)
+                yield Term(
+                    position[value], "D", factor, form if basis is None else project(A, basis)
+                )
+
+
+def _projected(slopes, basis: np.ndarray):
+    for p, kind, name, found in slope_products(slopes, basis, basis):
+        yield p, kind, name, 0.5 * (found + found.T)
 
 
 def check_damped(model: object) -> None:

@@ -19,9 +19,10 @@ along one direction, after the eigenvalue derivatives have told them apart (Dail
 1989).
 
 The share that w has of the other known modes follows from their eigenvalues. On what is left,
-K - lambda M is positive definite, and conjugate gradients with the factorised K - shift M as
-preconditioner need few steps, since no eigenvalue below the highest known one is left: one
-factorisation, that of the modal solution, serves all modes. A dense model is solved directly.
+K - lambda M is positive definite, and one Krylov space of (K - shift M)^-1 M, whose factorisation
+is that of the modal solution, serves the eigenvalues of all modes (block Lanczos: Grimes, Lewis and
+Simon, SIAM J. Matrix Anal. Appl. 15, 1994): a sensor costs as many solutions with few modes as with
+many. A dense model is solved directly.
 """
 
 from __future__ import annotations
@@ -39,17 +40,24 @@ from fenics_joints.response.modal_basis import check_modes
 from fenics_joints.response.pencil import DampedPencil
 from fenics_joints.structure.components import parameter_values
 from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.sparse import as_columns, product
+from fenics_joints.structure.sparse import (
+    as_columns,
+    bordered,
+    product,
+    slope_products,
+    without_zeros,
+)
 
 #: Relative distance of eigenvalues below which modes are taken together.
 CLOSE = 1e-3
 #: Columns that are solved at once.
-_COLUMNS = 64
+_COLUMNS = 32
 #: Relative step of the second derivatives' central differences, and relative distance below which
 #: eigenvalue derivatives are equal.
 _STEP, _EQUAL = 1e-4, 1e-5
-#: Steps of conjugate gradients, and the residual in the norm of energy at which they end.
-_STEPS, _ACCURACY = 300, 1e-10
+#: Steps of Lanczos' method, the residual in the norm of energy at which they end, and the share of
+#: a block's largest energy below which a direction is none: round-off.
+_STEPS, _ACCURACY, _DEPENDENT = 300, 1e-10, 1e-13
 
 
 def clusters(modes: Modes, close: float = CLOSE) -> list[np.ndarray]:
@@ -75,7 +83,7 @@ def shape_gradients(
 ) -> np.ndarray:
     """Derivatives of M-normalised shapes at sensors, by every parameter. Collective.
 
-    By one solution for each mode and parameter, or for each mode and sensor if those are fewer (the
+    By one solution for each mode and parameter, or for each sensor if those are fewer (the
     adjoint). Without modes in a cluster it is the derivative of the shapes as they are; see the
     head of this module for that of close ones.
 
@@ -107,14 +115,11 @@ def _gradients(work, index, own, rows) -> np.ndarray:
     X, lam = work.shapes[:, index], modes.eigenvalues[index]
     n, m, n_s = len(modes.model.parameters), len(index), rows.shape[1]
     found = np.zeros((n_s, m, n))
-    at, forces = work.inner(rows, work.shapes), _forces(work, X, lam, own)
-    if n_s < n:
-        back = _solve(work, np.tile(rows, m), np.repeat(np.arange(m), n_s), lam, own)
-        for p, force, turn in forces:
-            every = work.inner(back, force).reshape(m, n_s, m)
-            found[:, :, p] = at @ turn + np.einsum("isi->si", every)
+    if n_s < (n if modes.model.is_dense else n * m):
+        for some in _some(n_s):
+            _adjoint(work, X, lam, own, rows[:, some], found[some])
         return found
-    forces = list(forces)
+    at, forces = work.inner(rows, work.shapes), list(_forces(work, X, lam, own))
     if forces:
         mode = np.tile(np.arange(m), len(forces))
         w = _solve(work, np.hstack([force for _, force, _ in forces]), mode, lam, own)
@@ -122,6 +127,19 @@ def _gradients(work, index, own, rows) -> np.ndarray:
     for i, (p, _, turn) in enumerate(forces):
         found[:, :, p] = at @ turn + read[:, i]
     return found
+
+
+def _adjoint(work, X, lam, own, rows, found) -> None:
+    """Put in the derivatives at a few sensors, (n_s, m, n_parameters): of every parameter only what
+    its forms have between the shapes and a basis is needed."""
+    modes, at = work.modes, work.inner(rows, work.shapes)
+    basis, weights = work.basis(rows, lam, own)
+    for p, kind, _, between in slope_products(modes.model.slopes(modes.given), basis, X):
+        if kind == "M":
+            found[:, :, p] += np.einsum("vsm,vm->sm", weights, between * lam)
+            found[:, :, p] += at @ np.where(own, -0.5 * between[: len(modes)], 0.0)
+        else:
+            found[:, :, p] -= np.einsum("vsm,vm->sm", weights, between)
 
 
 def _forces(work, X, lam, own, given=None):
@@ -153,10 +171,15 @@ def _changes(
 
 def _solve(work, rights, mode, lam, own) -> np.ndarray:
     """`solve` of columns that belong to these wanted modes, some at a time."""
-    parts = [slice(i, i + _COLUMNS) for i in range(0, rights.shape[1], _COLUMNS)]
+    parts = _some(rights.shape[1])
     return np.hstack(
         [work.solve(rights[:, some], lam[mode[some]], own[:, mode[some]]) for some in parts]
     )
+
+
+def _some(count: int) -> list[slice]:
+    """So many columns, some at a time."""
+    return [slice(i, min(i + _COLUMNS, count)) for i in range(0, count, _COLUMNS)]
 
 
 def _membership(modes: Modes, index: np.ndarray, close: float) -> np.ndarray:
@@ -375,10 +398,13 @@ class Complement:
         if not self.model.is_dense:
             check_modes(self._pencil, modes, self.shapes)
         self._heavy = product(self._pencil.M, self.shapes)
+        self._lean = None if self.model.is_dense else without_zeros(self._pencil.M)
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""
         self._pencil.destroy()
+        if self._lean is not None:
+            self._lean.destroy()
 
     def rows(self, sensors: Sensors) -> np.ndarray:
         """Rows by which sensors read, as columns: this rank's, (n_local, n_sensors)."""
@@ -406,10 +432,39 @@ class Complement:
         weights = np.where(own, 0.0, share / np.where(own, 1.0, gap))
         rest = rights - self._heavy @ share
         if not self.model.is_dense:
-            return self.shapes @ weights + self._rest(rest, eigenvalues)
-        if own[-1].any() and self._next_is_near:
-            raise _error()
-        return self.shapes @ weights + self._direct(rest, eigenvalues)
+            V, y = self._krylov(rest, eigenvalues[:, None])
+            return self.shapes @ weights + V @ y[..., 0]
+        return self.shapes @ weights + self._direct(rest, eigenvalues, own)
+
+    def basis(
+        self, rights: np.ndarray, eigenvalues: np.ndarray, own: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The solution for each column and each eigenvalue, as sums of vectors.
+
+        Args:
+            rights: This rank's rows of r, (n_local, k).
+            eigenvalues: lambda of m modes, (m,).
+            own: Which modes are in the cluster of each, (n, m).
+
+        Returns:
+            The vectors, of which the modes are first: this rank's rows, (n_local, n + l); and
+            their weights in w of each column and eigenvalue, (n + l, k, m).
+
+        Raises:
+            ConvergenceError: As `solve`.
+        """
+        share = self.inner(self.shapes, rights)
+        gap = self.modes.eigenvalues[:, None] - eigenvalues
+        weights = (np.where(own, 0.0, 1.0) / np.where(own, 1.0, gap))[:, None] * share[..., None]
+        rest = rights - self._heavy @ share
+        if self.model.is_dense:
+            k, m = rights.shape[1], len(eigenvalues)
+            each = np.repeat(eigenvalues, k), np.repeat(own, k, axis=1)
+            V = self._direct(np.tile(rest, m), *each)
+            y = np.eye(m * k).reshape(m * k, m, k).swapaxes(1, 2)
+        else:
+            V, y = self._krylov(rest, np.tile(eigenvalues, (rights.shape[1], 1)))
+        return np.hstack([self.shapes, V]), np.concatenate([weights, y])
 
     @cached_property
     def _next_is_near(self) -> bool:
@@ -420,9 +475,10 @@ class Complement:
         there = n < len(every) and every[n] > 0  # without mass there is none
         return there and 1 / every[n] - shift - last <= self.close * abs(last)
 
-    def _direct(self, r: np.ndarray, eigenvalues: np.ndarray) -> np.ndarray:
-        """`_rest` of a dense model. Its matrices may be so badly conditioned that conjugate
-        gradients break down."""
+    def _direct(self, r: np.ndarray, eigenvalues: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """What a dense model's w have beside the modes, of columns orthogonal to these."""
+        if own[-1].any() and self._next_is_near:
+            raise _error()
         w, M = np.empty_like(r), self._pencil.M
         border = np.abs(self.modes.eigenvalues).max() * self._heavy @ self._heavy.T
         for eigenvalue in np.unique(eigenvalues):
@@ -431,44 +487,65 @@ class Complement:
             w[:, mine] = np.linalg.solve(self._pencil.K - eigenvalue * M + border, r[:, mine])
         return w - self.shapes @ (self._heavy.T @ w)
 
-    def _rest(self, r: np.ndarray, eigenvalues: np.ndarray) -> np.ndarray:
-        """Conjugate gradients of all columns, orthogonal to all known modes."""
-        w, z = np.zeros_like(r), self._precondition(r)
-        d, size = z, self._dots(r, z)
-        goal, active = _ACCURACY**2 * size, size > 0
+    def _krylov(self, r: np.ndarray, eigenvalues: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(K - lambda M)^-1 of columns orthogonal to all known modes, by block Lanczos.
+
+        With A = K - shift M and t = lambda - shift it is (I - t A^-1 M)^-1 A^-1 r, and the space of
+        A^-1 r, A^-1 M A^-1 r, ... is the same for every lambda.
+
+        Args:
+            r: This rank's rows of k columns.
+            eigenvalues: Some for each column, (k, q).
+
+        Returns:
+            Vectors, orthonormal in A, (n_local, l), and their weights, (l, k, q).
+        """
+        t = eigenvalues - self.modes.solver.shift
+        V, T = r[:, :0], np.zeros((0, 0))
+        new, size = self._orthonormal(self._precondition(r), r, V)
+        start, goal = size, _ACCURACY * np.sqrt(np.sum(size**2, axis=0))[:, None]
         for _ in range(_STEPS):
-            if not active.any():
-                return self._check(w, eigenvalues)
-            q = self._apply(d, eigenvalues)
-            bend = self._dots(d, q)
-            if np.any(bend[active] <= 0):
+            V, forces = np.hstack([V, new]), product(self._lean, new)
+            T = bordered(T, self.inner(V, forces))
+            values, turn = np.linalg.eigh(T)
+            # The nearest mode beyond those known is no higher than the lowest on this space.
+            least = 1 / max(values[-1], np.finfo(float).tiny) - t if len(values) else np.inf
+            if np.any(least <= self.close * np.abs(eigenvalues)):
                 raise _error()
-            step = np.where(active, size / np.where(active, bend, 1.0), 0.0)
-            w, r = w + step * d, r - step * q
-            z = self._precondition(r)
-            new = self._dots(r, z)
-            d = z + np.where(active, new / np.where(active, size, 1.0), 0.0) * d
-            size, active = new, active & (new > goal)
+            first = turn[: len(start)].T @ start
+            y = np.tensordot(turn, first[..., None] / (1 - t * values[:, None, None]), 1)
+            last = y[V.shape[1] - new.shape[1] :]
+            new, size = self._orthonormal(self._precondition(forces), forces, V)
+            # The residual's norm in A^-1.
+            off = np.abs(t) * np.linalg.norm(np.tensordot(size, last, 1), axis=0)
+            if np.all(off <= goal):
+                return V, y
         raise _error()
 
-    def _check(self, w: np.ndarray, eigenvalues: np.ndarray) -> np.ndarray:
-        """The solution, unless its Rayleigh quotient bounds an unknown eigenvalue too near."""
-        gap = self._dots(w, self._apply(w, eigenvalues))
-        near = self.close * np.abs(eigenvalues) * self._dots(w, product(self._pencil.M, w))
-        if np.any((gap <= near) & (near > 0)):
-            raise _error()
-        return w
+    def _orthonormal(
+        self, W: np.ndarray, forces: np.ndarray, V: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Vectors Q, orthonormal in A to each other and to V, and S with W = Q S + V (...).
 
-    def _apply(self, d: np.ndarray, eigenvalues: np.ndarray) -> np.ndarray:
-        q = product(self._pencil.K, d) - product(self._pencil.M, d) * eigenvalues
-        return q - self._heavy @ self.inner(self.shapes, q)
+        Twice, for what round-off left; the first time the forces stand for A W.
+        """
+        S, n = np.eye(W.shape[1]), V.shape[1]
+        for again in (False, True):
+            if again:
+                forces = product(self._pencil.K, W)
+                forces -= self.modes.solver.shift * product(self._lean, W)
+            part, own = np.split(self.inner(np.hstack([V, W]), forces), [n])
+            own = own - part.T @ part
+            values, turn = np.linalg.eigh(0.5 * (own + own.T))
+            kept = values > _DEPENDENT * np.max(values, initial=0.0)
+            root = np.sqrt(values[kept])
+            W = (W - V @ part) @ (turn[:, kept] / root)
+            S = (root[:, None] * turn[:, kept].T) @ S
+        return W, S
 
     def _precondition(self, r: np.ndarray) -> np.ndarray:
         z = self.modes.solver.inverse(r)
         return z - self.shapes @ self.inner(self._heavy, z)
-
-    def _dots(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return self.comm.allreduce(np.sum(a * b, axis=0))
 
 
 def _error() -> ConvergenceError:

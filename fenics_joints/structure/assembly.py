@@ -15,12 +15,14 @@ from itertools import product
 import basix
 import basix.ufl
 import numpy as np
+import scipy.sparse
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.spatial import cKDTree
+from ufl.corealg.traversal import unique_pre_traversal
 
 from fenics_joints._compat import entity_nodes
 from fenics_joints.errors import InputError, MeshError, items, real, wanted, whole
@@ -261,6 +263,7 @@ class PropertyField:
             name: ufl.variable(fem.Constant(mesh, float(p.value))) for name, p in parameters.items()
         }
         self._expressions: dict[tuple, fem.Expression | float] = {}
+        self._named: dict[tuple[int, str], list[str]] = {}
 
     def update(self, values: Mapping[str, float]) -> None:
         """Fill the field from the parameters' values.
@@ -293,24 +296,25 @@ class PropertyField:
             key: self._value(number, region, None, key, values) for key in region.law.properties
         }
 
-    def slopes(self, number: int, parameter: str, values: Mapping[str, float]) -> tuple | None:
-        """Derivative of a region's properties by one parameter. Collective.
+    def slopes(
+        self, number: int, parameter: str, values: Mapping[str, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivative of a region's properties by one parameter.
 
         Returns:
             This rank's cells of the region, ghosts included, (n,), and the derivatives, (n,
-            n_slots); None if no property of the region depends on the parameter.
+            n_slots).
         """
-        self._set_symbols(values)
         region, cells = self.regions[number]
-        found, depends = np.zeros((len(cells), self.slots)), False
+        found = np.zeros((len(cells), self.slots))
         for slot, key in enumerate(region.law.properties):
             prop = region.properties[key]
-            if callable(prop):
+            if callable(prop) and parameter in self.named(number, key):
+                self._set_symbols(values)
                 found[:, slot] = self._evaluate(number, region, key, cells, parameter)
-                depends |= self.mesh.comm.allreduce(bool(np.any(found[:, slot])), op=MPI.LOR)
             elif prop == parameter:
-                found[:, slot], depends = 1.0, True
-        return (cells, found) if depends else None
+                found[:, slot] = 1.0
+        return cells, found
 
     def means(self, number: int) -> dict[str, float]:
         """Mean over a region's cells of each property, as last updated. Collective."""
@@ -377,36 +381,52 @@ class PropertyField:
         owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
         return array.reshape(-1, self.slots)[self._dof[:owned]]
 
+    def named(self, number: int, key: str) -> list[str]:
+        """Parameters on which a property of a region depends."""
+        prop = self.regions[number][0].properties[key]
+        if not callable(prop):
+            return [prop] if isinstance(prop, str) else []
+        if (number, key) not in self._named:
+            expr = prop(ufl.SpatialCoordinate(self.mesh), self._symbols)
+            held = set() if _is_number(expr) else set(unique_pre_traversal(ufl.as_ufl(expr)))
+            names = [name for name, symbol in self._symbols.items() if symbol in held]
+            self._named[number, key] = names
+        return self._named[number, key]
+
     def contract(self, cell_gradient: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
         """Chain rule from the cells' properties to the parameters. Collective.
 
         Args:
-            cell_gradient: Derivative by every property of every owned cell, (n_owned, n_slots).
+            cell_gradient: Derivatives of k functions by every property of every owned cell,
+                (n_owned, n_slots, k).
             values: All parameters' values.
 
         Returns:
-            Derivative by every parameter, shape (n_parameters,), equal on all ranks.
+            Derivatives by every parameter, shape (k, n_parameters), equal on all ranks.
         """
         self._set_symbols(values)
         position = {name: i for i, name in enumerate(self.parameters)}
-        gradient = np.zeros(len(position))
+        gradient = np.zeros((len(position), cell_gradient.shape[2]))
         for i, (region, cells) in enumerate(self.regions):
             cells = cells[cells < len(cell_gradient)]
             for slot, key in enumerate(region.law.properties):
-                prop = region.properties[key]
-                if isinstance(prop, str):
-                    gradient[position[prop]] += cell_gradient[cells, slot].sum()
-                elif callable(prop):
-                    for name, column in position.items():
-                        slope = self._evaluate(i, region, key, cells, name)
-                        gradient[column] += slope @ cell_gradient[cells, slot]
+                for name in self.named(i, key):
+                    by_cell = cell_gradient[cells, slot]
+                    if callable(region.properties[key]):
+                        by_cell = by_cell * self._evaluate(i, region, key, cells, name)[:, None]
+                    gradient[position[name]] += by_cell.sum(axis=0)
         self.mesh.comm.Allreduce(MPI.IN_PLACE, gradient)
-        return gradient
+        return gradient.T
 
 
 def _is_number(expr) -> bool:
     """Whether UFL simplified an expression to a number, as the derivative of a linear one."""
     return isinstance(expr, ufl.constantvalue.Zero | ufl.constantvalue.ScalarValue)
+
+
+def _way(region: Region) -> tuple:
+    """What regions that are one integral have in common."""
+    return region.law, region.normal, region.across
 
 
 _SERENDIPITY_CELLS = ("quadrilateral", "hexahedron")
@@ -511,6 +531,7 @@ class Assembly:
         #: Faces of the mesh that follow others, None if there are none.
         self.ties = Ties(self, self._supported()[: self.n_local]) if tagged.ties else None
         self._forms: dict[object, fem.Form] = {}
+        self._slopes: dict[object, tuple] = {}
         self._direction: fem.Function | None = None
         self._rows: dict[bytes, PointRows] = {}
         self._region_matrices: dict[tuple[int, int], PETSc.Mat] = {}
@@ -573,15 +594,77 @@ class Assembly:
 
     def _sum(self, which: int, u, v) -> ufl.Form:
         """Regions that share a law and its directions are one integral."""
-        groups: dict[tuple, list[Region]] = {}
-        for region in self.regions:
-            groups.setdefault((region.law, region.normal, region.across), []).append(region)
-        forms = []
-        for alike in groups.values():
-            tags = sorted(self.tagged.cell_tag(name) for region in alike for name in region.cells)
-            dx = self._measure("dx", self.tagged.cell_tags, tuple(tags))
-            forms.append(self._form(which, alike[0], u, v, dx))
+        forms = [
+            self._form(which, region, u, v, self._measure("dx", self._alike, tag))
+            for tag, region in enumerate(self._laws)
+        ]
         return sum(forms[1:], forms[0])
+
+    @cached_property
+    def _laws(self) -> list[Region]:
+        """A region of each law with its directions."""
+        return list({_way(region): region for region in self.regions}.values())
+
+    @cached_property
+    def _alike(self) -> list[tuple[int, np.ndarray]]:
+        """This rank's cells of each of them. However many regions, the compiled form is the same."""
+        cells: dict[tuple, list[np.ndarray]] = {_way(region): [] for region in self._laws}
+        for region, own in self.field.regions:
+            cells[_way(region)].append(own)
+        return list(enumerate(map(self._owned, map(np.concatenate, cells.values()))))
+
+    def slope_form(self, which: int, direction: fem.Function, cells: np.ndarray) -> fem.Form:
+        """Derivative of the stiffness (0) or the mass (1) along a change of the property field,
+        over some cells of this rank: one compiled form for all of them."""
+        key = "slope", which, direction
+        if key not in self._slopes:
+            whole = ufl.derivative(self._sum(which, *self.arguments), self.field.q, direction)
+            form = ufl.algorithms.expand_derivatives(whole)
+            self._slopes[key] = form, fem.compile_form(self.comm, form)
+        form, compiled = self._slopes[key]
+        data = [(tag, np.intersect1d(own, cells)) for tag, own in self._alike]
+        return fem.create_form(
+            compiled,
+            [self.V, self.V],
+            self.mesh,
+            {fem.IntegralType.cell: data},
+            {c: c for c in form.coefficients()},
+            {c: c for c in form.constants()},
+        )
+
+    def nodes_of(self, cells: Sequence[np.ndarray]) -> scipy.sparse.csr_array:
+        """Which nodes of this rank belong to cells of each set of cells, of whichever rank.
+        Collective.
+
+        Args:
+            cells: This rank's cells of each set.
+
+        Returns:
+            Ones, (len(cells), n_owned_nodes).
+        """
+        imap, pairs = self.V.dofmap.index_map, []
+        for number, some in enumerate(cells):
+            nodes = np.unique(self.V.dofmap.list[self._owned(some)])
+            pairs.append(np.stack([np.full(len(nodes), number), nodes]))
+        number, node = np.hstack([*pairs, np.empty((2, 0), dtype=np.int32)])
+        away = node >= imap.size_local
+        told = number[away], imap.local_to_global(node[away].astype(np.int32))
+        first, last = imap.local_range
+        numbers, nodes = [number[~away]], [node[~away]]
+        for other, at in self.comm.allgather(told):
+            mine = (at >= first) & (at < last)
+            numbers.append(other[mine]), nodes.append(at[mine] - first)
+        at = np.concatenate(numbers), np.concatenate(nodes)
+        found = scipy.sparse.coo_array(
+            (np.ones(len(at[0])), at), shape=(len(cells), imap.size_local)
+        ).tocsr()
+        found.data[:] = 1.0
+        return found
+
+    def _owned(self, cells: np.ndarray) -> np.ndarray:
+        """Those of some cells that this rank owns, ascending."""
+        owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
+        return np.sort(cells[cells < owned]).astype(np.int32)
 
     def _form(self, which: int, region: Region, u, v, dx) -> ufl.Form:
         """Stiffness (0) or mass (1) by a region's law and directions."""
@@ -646,8 +729,7 @@ class Assembly:
 
     def cells_measure(self, cells: np.ndarray) -> ufl.Measure:
         """Integration over some cells of this rank, ghosts left out."""
-        owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
-        return self._measure("dx", [(1, np.sort(cells[cells < owned]).astype(np.int32))], 1)
+        return self._measure("dx", [(1, self._owned(cells))], 1)
 
     def region_matrix(self, number: int, which: int, q: Mapping[str, float] | None) -> PETSc.Mat:
         """Stiffness (0) or mass (1) of one region alone; rows and columns of held DOFs are zero.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -19,14 +19,24 @@ _FEW_ROWS = 0.5
 
 
 class MatrixForm:
-    """A sparse matrix, to be destroyed with the form if it is ``owned``. Collective."""
+    """A sparse matrix, to be destroyed with the form if it is ``owned``. Collective.
 
-    def __init__(self, A: PETSc.Mat, owned: bool = False):
-        self.A, self.owned, self.comm = A, owned, A.comm.tompi4py()
+    Attributes:
+        A: The matrix.
+        rows: This rank's rows, of which alone the form consists; None for all.
+    """
+
+    def __init__(self, A: PETSc.Mat, owned: bool = False, rows: np.ndarray | None = None):
+        self.A, self.owned, self.comm, self.rows = A, owned, A.comm.tompi4py(), rows
 
     def __matmul__(self, X: np.ndarray) -> np.ndarray:
-        """This rank's rows of A X, of a block of its rows."""
-        return product(self.A, X)
+        """This rank's rows of the product with X, of a block of its rows."""
+        image = product(self.A, X)
+        if self.rows is None:
+            return image
+        found = np.zeros_like(image)
+        found[self.rows] = image[self.rows]
+        return found
 
     def destroy(self) -> None:
         """Free A, if it is owned. Collective."""
@@ -87,6 +97,35 @@ def cross(A: Matrix, Z: np.ndarray, X: np.ndarray) -> np.ndarray:
         return found
     comm = A.comm.tompi4py() if isinstance(A, PETSc.Mat) else A.comm
     return comm.allreduce(found)
+
+
+def slope_products(
+    slopes: Iterable[tuple[int, str, str | None, Matrix]], Z: np.ndarray, X: np.ndarray
+) -> Iterator[tuple[int, str, str | None, np.ndarray]]:
+    """``Z^T A X`` in the place of each form A of a model's ``slopes``, which are destroyed.
+    Collective.
+
+    Forms that are rows of one matrix multiply it once.
+
+    Args:
+        slopes: See `fenics_joints.structure.model.Damped.slopes`.
+        Z: This rank's rows, (n_local, m).
+        X: Likewise, (n_local, k).
+
+    Yields:
+        The same with (m, k), equal on all ranks.
+    """
+    A = image = None
+    for parameter, kind, name, form in slopes:
+        if getattr(form, "rows", None) is None:
+            found = cross(form, Z, X)
+        else:
+            if form.A is not A:
+                A, image = form.A, product(form.A, X)
+            found = form.comm.allreduce(Z[form.rows].T @ image[form.rows])
+        if not isinstance(form, np.ndarray):
+            form.destroy()
+        yield parameter, kind, name, found
 
 
 def project(A: Matrix, X: np.ndarray, known: np.ndarray | None = None) -> np.ndarray:
@@ -283,7 +322,9 @@ class SummedMatrices:
         Returns:
             A new matrix; None as long as assembling the samples would take longer than it saves.
         """
-        if self.assembly.n_dofs > _MOST or not self._uniform:
+        if self.assembly.n_dofs > _MOST or not self._uniform or self._like is None:
+            return None
+        if len(self._uniform) * self.assembly.n_local > len(self._pattern[1]):
             return None
         own = [(laws, laws.shares(which, self._properties(laws, values))) for laws in self._uniform]
         missing = max(laws.missing(which, s) for laws, s in own)

@@ -90,13 +90,18 @@ class Structure(Assembly):
         Returns:
             Shape (n_owned_cells, n_properties), for this rank's cells.
         """
+        return self._cell_gradients([shape], [eigenvalue], given)[..., 0]
+
+    def _cell_gradients(self, shapes, eigenvalues, given) -> np.ndarray:
+        """`cell_gradient` of several shapes, (n_owned_cells, n_properties, n_shapes)."""
         self.update(given)
-        form = self.compiled("gradient", self._energy_slope)
-        self.put_displacement(self._phi, shape)
-        self._lambda.value = eigenvalue
-        # Cell integrals reach no other cell's property: nothing is to be summed over ranks.
-        vector = fem.assemble_vector(form)
-        return self.field.by_cell(vector.array)
+        form, found = self.compiled("gradient", self._energy_slope), []
+        for shape, eigenvalue in zip(shapes, eigenvalues, strict=True):
+            self.put_displacement(self._phi, shape)
+            self._lambda.value = eigenvalue
+            # Cell integrals reach no other cell's property: nothing is to be summed over ranks.
+            found.append(self.field.by_cell(fem.assemble_vector(form).array))
+        return np.stack(found, axis=-1)
 
     def _energy_slope(self) -> ufl.Form:
         """Derivative of x^T (K - lambda M) x by the property field, of `_phi` and `_lambda`."""
@@ -115,12 +120,9 @@ class Structure(Assembly):
         """
         values, X = self.values(given), as_columns(shapes)
         lam = np.asarray(eigenvalues, dtype=float)
-        gradient = np.array(
-            [
-                self.field.contract(self.cell_gradient(x, each, given), values)
-                for x, each in zip(shapes, lam.tolist(), strict=True)
-            ]
-        )
+        if not len(lam):
+            return np.empty((0, len(values)))
+        gradient = self.field.contract(self._cell_gradients(shapes, lam.tolist(), given), values)
         for p, kind, _, form in self._point_slopes(values):
             energies = self.comm.allreduce(np.sum(X * (form @ X), axis=0))
             gradient[:, p] += energies if kind == "K" else -lam * energies
@@ -185,39 +187,70 @@ class Structure(Assembly):
         yield from change_slopes(self, values)
 
     def _region_slopes(self, values, apart):
+        """`slopes` by properties of parts and joints.
+
+        Parameters whose cells have no node in common are rows of one matrix, as the columns of a
+        sparse Jacobian are found together (Curtis, Powell and Reid, J. Inst. Math. Appl. 13, 1974).
+        """
+        changes: list[dict[tuple, list[int]]] = [{}, {}]
+        position = {name: i for i, name in enumerate(self.parameters)}
         for i, region in enumerate(self.regions):
-            name = region.name if region.name in apart else None
-            for p, parameter in enumerate(self.parameters):
-                change = self.field.slopes(i, parameter, values)
-                if change is None:
-                    continue
-                for which, moves in enumerate(self._matters(i, parameter)):
+            names = {n for key in region.law.properties for n in self.field.named(i, key)}
+            layer = region.name if region.name in apart else None
+            for name in sorted(names, key=position.__getitem__):
+                for which, moves in enumerate(self._matters(i, name)):
                     if moves:
-                        A = self._region_slope(i, which, change)
-                        yield p, "KM"[which], None if which else name, MatrixForm(A, True)
+                        key = name, None if which else layer
+                        changes[which].setdefault(key, []).append(i)
+        if self._direction is None:
+            self._direction = fem.Function(self.field.space)
+        for which, each in enumerate(changes):
+            own = [np.concatenate([self.field.regions[i][1] for i in at]) for at in each.values()]
+            nodes, every = self.nodes_of(own), list(each.items())
+            for together in self._apart(nodes):
+                self._direction.x.array[:] = 0.0
+                for k in together:
+                    for i in every[k][1]:
+                        change = self.field.slopes(i, every[k][0][0], values)
+                        self.field.put(self._direction, *change)
+                cells = np.concatenate([own[k] for k in together])
+                A = self.assembled(self.slope_form(which, self._direction, cells))
+                for k in together:
+                    rows = None
+                    if len(together) > 1:
+                        rows = (
+                            nodes[[k]].indices[:, None] * self.gdim + np.arange(self.gdim)
+                        ).ravel()
+                    (name, layer), last = every[k][0], k == together[-1]
+                    yield position[name], "KM"[which], layer, MatrixForm(A, last, rows)
+
+    def _apart(self, nodes) -> list[list[int]]:
+        """Sets of cells in groups whose members have no node in common, the same on all ranks.
+
+        Args:
+            nodes: See `Assembly.nodes_of`.
+        """
+        if self.ties is not None:  # these pass nodes on to others
+            return [[k] for k in range(nodes.shape[0])]
+        common = (nodes @ nodes.T).tocoo()
+        near: list[set[int]] = [set() for _ in range(nodes.shape[0])]
+        for rows, columns in self.comm.allgather(common.coords):
+            for k, other in zip(rows.tolist(), columns.tolist(), strict=True):
+                near[k].add(other)
+        groups: list[list[int]] = []
+        for k, others in enumerate(near):
+            free = next((group for group in groups if others.isdisjoint(group)), None)
+            if free is None:
+                groups.append(free := [])
+            free.append(k)
+        return groups
 
     def _matters(self, i: int, parameter: str) -> tuple[bool, bool]:
         """Whether a parameter changes a region's stiffness and its mass, by its law's scalars."""
         region, q = self.regions[i], self.field.means(i)
-        keys = [
-            key
-            for key in region.law.properties
-            if region.properties[key] == parameter or callable(region.properties[key])
-        ]
+        keys = [key for key in region.law.properties if parameter in self.field.named(i, key)]
         terms = region.law.stiffness_terms, region.law.inertia_term
         return tuple(any(np.any(slopes(t, q, key)) for key in keys) for t in terms)
-
-    def _region_slope(self, i: int, which: int, change) -> PETSc.Mat:
-        """dK (which = 0) or dM (1) along a change of a region's properties."""
-        if self._direction is None:
-            self._direction = fem.Function(self.field.space)
-        form = self.compiled(
-            ("slope", i, which),
-            lambda: ufl.derivative(self.region_form(i, which), self.field.q, self._direction),
-        )
-        self._direction.x.array[:] = 0.0
-        self.field.put(self._direction, *change)
-        return self.assembled(form)
 
     def mass_rows(self, mass, values) -> tuple[np.ndarray, np.ndarray]:
         """Rows of the displacement at a mass and of its slope along the travel, (n_local, gdim)."""
