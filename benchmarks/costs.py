@@ -6,12 +6,15 @@ assembly: K(p) and M(p) of the lap plates with every parameter of `diagnose`, at
 the nominal ones, as sums of kept matrices over their assembly.
 gradient: of all eigenvalues by all of these parameters, over one modal solution; and with each
 cell's modulus as a parameter of its own, which is what one assembly for each mode gives anyway.
+patches: of the eigenvalues of 20 elastic modes by the moduli of 1,000 patches of a plate, and of
+their shapes at 20 sensors, each over one modal solution.
 stability: `find_bifurcations` over the branch about the first resonance, of chains of 1 to 12
 masses, each on a cubic spring or a slider to the ground, pushed at the first; processor time.
 """
 
 from __future__ import annotations
 
+import resource
 import statistics
 
 import numpy as np
@@ -23,7 +26,10 @@ from fenics_joints.diagnosis.zones.zone import bonded_values
 from fenics_joints.harmonic import find_bifurcations, solve_harmonic
 from fenics_joints.interfaces import InterfaceModel, InterfacePoints
 from fenics_joints.joint_laws import CubicSpring, ElasticFriction
+from fenics_joints.meshes import box, in_patches
 from fenics_joints.modal import solve_modes
+from fenics_joints.response import shape_gradients
+from fenics_joints.structure import Parameter, Sensors, Structure, part
 
 #: Calls after which all matrices that are varied here are summed.
 WARM = 16
@@ -94,6 +100,58 @@ def gradient(args) -> dict:
     }
 
 
+def patched_plate(comm, counts, patches: int) -> Structure:
+    """A free plate of 1 x 0.625 m, 20 mm thick, with a modulus for each patch.
+
+    Args:
+        comm: Communicator.
+        counts: Cells along its sides and through it.
+        patches: Patches along its long side, a multiple of 8; along the other 5/8 of them.
+    """
+    lengths, across = np.array([1.0, 0.625]), np.array([patches, 5 * patches // 8])
+
+    def label(x):
+        return np.floor(x[:, :2] / lengths * across).astype(int) @ [1, patches]
+
+    mesh, names = in_patches(box(comm, (*lengths, 0.02), counts), "body", label)
+    parts = [part(name, name, E=f"{name}.E", nu=0.33, rho=2700.0) for name in names]
+    return Structure(mesh, parts, [Parameter(f"{name}.E", 70e9, "Pa") for name in names])
+
+
+def plate_sensors(count: int = 20) -> Sensors:
+    """Sensors across the plate at random places on it."""
+    rng = np.random.default_rng(3)
+    places = rng.random((count, 2)) * [1.0, 0.625]
+    return Sensors(np.column_stack([places, np.full(count, 0.02)]), [0.0, 0.0, 1.0])
+
+
+def patches(args) -> dict:
+    (full, made, _), sensors = (
+        timed(lambda: patched_plate(MPI.COMM_WORLD, args.cells, args.patches)),
+        plate_sensors(),
+    )
+    solve = solve_modes(full, n_modes=26)
+    elastic, rows = np.arange(solve.n_rigid, 26), []
+    solve.gradients(elastic), shape_gradients(solve, elastic[:1], sensors)  # compiles the forms
+    for _ in range(args.runs):
+        found, alone, _ = timed(lambda s=solve.solver: solve_modes(full, n_modes=26, solver=s))
+        _, values, _ = timed(lambda m=found: m.gradients(elastic))
+        _, shapes, _ = timed(lambda m=found: shape_gradients(m, elastic, sensors))
+        rows.append((alone, values, shapes, values / alone, shapes / alone))
+    alone, values, shapes, ratio, of_shapes = np.median(rows, axis=0).tolist()
+    return {
+        "DOFs": full.n_dofs,
+        "parameters": len(full.parameters),
+        "structure, s": made,
+        "modal solution, s": alone,
+        "eigenvalues, s": values,
+        "shapes, s": shapes,
+        "ratio of eigenvalues (median of pairs)": ratio,
+        "ratio of shapes (median of pairs)": of_shapes,
+        "peak memory, GiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
+    }
+
+
 def chain(n: int, law) -> InterfaceModel:
     """Masses of 1 between springs of 1 and the ground at both ends, a law at each."""
     axes, K = np.eye(n), 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
@@ -122,11 +180,15 @@ def stability(args) -> dict:
 
 
 def main() -> None:
-    parts = {"assembly": assembly, "gradient": gradient, "stability": stability}
+    parts = {"assembly": assembly, "gradient": gradient, "patches": patches, "stability": stability}
     made = parser(__doc__, parts)
     made.add_argument("--element-size", type=float, default=5e-3, help="of the plates, metres")
     made.add_argument("--runs", type=int, default=10, help="pairs of the plates")
     made.add_argument("--modes", type=int, default=12, help="of the plates")
+    made.add_argument(
+        "--cells", type=int, nargs=3, default=(80, 50, 1), help="of the patched plate"
+    )
+    made.add_argument("--patches", type=int, default=40, help="along its long side")
     args = made.parse_args()
     found = {name: parts[name](args) for name in args.parts or parts}
     if MPI.COMM_WORLD.rank == 0:

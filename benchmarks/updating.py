@@ -18,6 +18,7 @@ solution alone with the same solver.
 
 from __future__ import annotations
 
+import resource
 import statistics
 import time
 from collections import Counter
@@ -25,6 +26,7 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
+from costs import patched_plate, plate_sensors
 from harness import parser, timed, write
 from mpi4py import MPI
 from scipy.stats import chi2, qmc
@@ -37,6 +39,8 @@ from fenics_joints.reduction import frf_basis, frf_error
 from fenics_joints.response import solve_frf
 from fenics_joints.structure import Damping, Parameter, Sensors, Structure, part, transition
 from fenics_joints.updating import Predictor, update, update_weighted
+from fenics_joints.updating.coordinates import Coordinates
+from fenics_joints.updating.target_fit import TargetFit
 
 BODY = {"E": 1.3e11, "nu": 0.27, "rho": 7850.0}
 TRUE = {"E": 1e10, "nu": 0.24, "h": 0.01}
@@ -324,14 +328,53 @@ def cost(_, args) -> dict:
     return result
 
 
+# -- many ------------------------------------------------------------------------------------------
+
+
+def many(_, args) -> dict:
+    model, sensors = patched_plate(MPI.COMM_WORLD, args.cells, args.patches), plate_sensors()
+    names, rng = list(model.parameters), np.random.default_rng(4)
+    true = {name: 70e9 * float(np.exp(0.1 * rng.standard_normal())) for name in names}
+    found = solve_modes(model, true, n_modes=26)
+    elastic = slice(found.n_rigid, 26)
+    shapes = found.at(sensors)[:, elastic]
+    target = Target(found.frequencies_hz[elastic], F_SD, shapes, sensors, shape_sd=0.01)
+    predict = Predictor(model, target, names, n_modes=26)
+    start = {name: 70e9 for name in names}
+    coordinates = Coordinates(list(model.parameters.values()), start, model)
+    first = coordinates.inverse(np.full(len(names), 70e9))
+    fit = TargetFit([predict], coordinates, lambda x: ((x - first) / 0.1, np.eye(len(x)) / 0.1))
+    predict(start)  # compiles the forms
+    found.solver.destroy()
+    alone, solver = [], predict.modes(start)[0].solver
+    for run in range(args.runs):
+        given = {name: value * (1 + 1e-3 * run) for name, value in start.items()}
+        alone.append(timed(lambda g=given: solve_modes(model, g, n_modes=26, solver=solver))[1])
+    begin, steps = time.perf_counter(), []
+    fit.on_step = lambda x, moved: steps.append(fit.misfit(x))
+    done = fit.solve(first + 0.01, args.runs)
+    spent = (time.perf_counter() - begin) / done.nfev
+    return {
+        "dofs": model.n_dofs,
+        "parameters": len(names),
+        "modal_solution_s": statistics.median(alone),
+        "iteration_s": spent,
+        "ratio": spent / statistics.median(alone),
+        "misfit": steps,
+        "peak_gib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
+    }
+
+
 def main() -> None:
-    parts = {"basin": basin, "noise": noise, "cost": cost}
+    parts = {"basin": basin, "noise": noise, "cost": cost, "many": many}
     made = parser(__doc__, parts)
     made.add_argument("--starts", type=int, default=100)
     made.add_argument("--draws", type=int, default=50)
     made.add_argument("--runs", type=int, default=5)
     made.add_argument("--element-size", type=float, default=0.045, help="metres")
     made.add_argument("--cost-size", type=float, default=0.02, help="metres, of cost")
+    made.add_argument("--cells", type=int, nargs=3, default=(80, 50, 1), help="of many")
+    made.add_argument("--patches", type=int, default=40, help="of many, along the long side")
     args = made.parse_args()
     wanted = args.parts or list(parts)
     world = World(args.element_size) if {"basin", "noise"} & set(wanted) else None

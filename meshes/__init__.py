@@ -25,7 +25,7 @@ from fenics_joints.meshes.lap_beam import LapBeam, LapBeamSection, lap_beam, lap
 from fenics_joints.meshes.lap_plates import LapPlates, lap_plates
 from fenics_joints.meshes.msh import read_msh
 from fenics_joints.meshes.rings import Ring, layer_thickness, measure_layer, measure_ring
-from fenics_joints.meshes.tagged import TaggedMesh, extent
+from fenics_joints.meshes.tagged import TaggedMesh, extent, in_patches
 
 __all__ = [
     "CBeams",
@@ -54,6 +54,7 @@ __all__ = [
     "grid_lines",
     "half_lap_beam",
     "half_lap_beam_section",
+    "in_patches",
     "lap_beam",
     "lap_beam_section",
     "lap_plates",

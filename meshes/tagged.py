@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from textwrap import shorten
 from typing import NamedTuple
@@ -129,6 +129,47 @@ def extent(tagged: TaggedMesh, cells: Sequence[str], normal: Sequence[float]) ->
     comm = tagged.mesh.comm
     low = comm.allreduce(float(along.min(initial=np.inf)), op=MPI.MIN)
     return comm.allreduce(float(along.max(initial=-np.inf)), op=MPI.MAX) - low
+
+
+def in_patches(
+    tagged: TaggedMesh, name: str, label: Callable[[np.ndarray], np.ndarray]
+) -> tuple[TaggedMesh, tuple[str, ...]]:
+    """A mesh with a part's cells in patches, by where their middles are. Collective.
+
+    Each patch can be a part of its own, with a parameter of its own.
+
+    Args:
+        tagged: The mesh.
+        name: Name of the part.
+        label: Middles of cells, m, (n, 3), to a whole number for each, (n,): cells of one number
+            are a patch.
+
+    Returns:
+        The mesh, in which the part's name is gone, and the names of the patches, the part's with
+        their numbers, ascending: ``plate_0``, ``plate_1``, ...
+
+    Raises:
+        MeshError: The mesh has no such part, a label is no whole number, or a name is taken.
+    """
+    mesh, tag = tagged.mesh, tagged.cell_tag(name)
+    cells, values = tagged.cell_tags.find(tag), tagged.cell_tags.values.copy()
+    labels = np.asarray(
+        label(dolfinx.mesh.compute_midpoints(mesh, mesh.topology.dim, cells)) if len(cells) else []
+    )
+    good = labels.shape == cells.shape and (labels.dtype.kind in "iu" or not len(cells))
+    if not mesh.comm.allreduce(good, op=MPI.LAND):
+        raise MeshError(f"label: expected a whole number for each cell of {name!r}")
+    numbers = np.unique(np.concatenate(mesh.comm.allgather(labels.astype(np.int64))))
+    first = max(tagged.cell_names.values()) + 1
+    # Cells are in order: tags are of all cells, at their numbers.
+    values[cells] = first + np.searchsorted(numbers, labels)
+    names = {f"{name}_{number}": first + i for i, number in enumerate(numbers.tolist())}
+    others = {other: at for other, at in tagged.cell_names.items() if other != name}
+    if taken := set(names) & set(others):
+        raise MeshError(f"{name!r} in patches: the mesh has a part {min(taken)!r} already")
+    return replace(tagged, cell_tags=_cell_tags(mesh, values), cell_names=others | names), tuple(
+        names
+    )
 
 
 def limits(tagged: TaggedMesh) -> tuple[np.ndarray, np.ndarray]:

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from petsc4py import PETSc
 
 from fenics_joints.errors import InputError, reals
 from fenics_joints.modal.modes import SHIFT_SHARE, Modes, count_rigid, inverted_modes, solve_modes
@@ -290,7 +291,7 @@ def modal_pencil(
     shapes = as_columns(modes.shapes)
     if modes.solver is None or modes.model is not pencil.structure:
         raise InputError("modes: expected those of this structure, with their solver.")
-    check_modes(pencil, modes, shapes)
+    check_modes(pencil.M, modes, shapes)
     s, loads = 2j * np.pi * np.median(lines), shapes[:, :0] if loads is None else loads
     modal = _on_basis(pencil, modes, _residual_vectors(pencil, modes, shapes, loads, s))
     return with_terms(modal, pencil) if gradients else modal
@@ -361,13 +362,11 @@ def _modes_for(pencil: DampedPencil, lines, n_modes: int | None) -> Modes:
         count *= 2
 
 
-def check_modes(pencil: DampedPencil, modes: Modes, shapes: np.ndarray) -> None:
+def check_modes(M: PETSc.Mat, modes: Modes, shapes: np.ndarray) -> None:
     """Refuse modes of other values, or whose solver has since solved something else."""
     last, lam = shapes[:, -1:], modes.eigenvalues[-1]
-    force = (lam - modes.solver.shift) * product(pencil.M, last)
-    off = last - modes.solver.inverse(force)
-    M_off = product(pencil.M, np.hstack([off, last]))
-    own = np.diag(pencil.comm.allreduce(np.hstack([off, last]).T @ M_off))
+    off = last - modes.solver.inverse((lam - modes.solver.shift) * product(M, last))
+    own = np.diag(project(M, np.hstack([off, last])))
     if not (own[0] <= 1e-6 and abs(own[1] - 1) <= 1e-6):
         raise InputError(
             "modes: expected those of the structure at the same values of its parameters, from a "

@@ -33,11 +33,12 @@ from functools import cached_property
 
 import numpy as np
 import scipy.linalg
+from mpi4py import MPI
+from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.modes import SHIFT_SHARE, Modes
 from fenics_joints.response.modal_basis import check_modes
-from fenics_joints.response.pencil import DampedPencil
 from fenics_joints.structure.components import parameter_values
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.sparse import (
@@ -56,8 +57,8 @@ _COLUMNS = 32
 #: eigenvalue derivatives are equal.
 _STEP, _EQUAL = 1e-4, 1e-5
 #: Steps of Lanczos' method, the residual in the norm of energy at which they end, and the share of
-#: a block's largest energy below which a direction is none: round-off.
-_STEPS, _ACCURACY, _DEPENDENT = 300, 1e-10, 1e-13
+#: vectors' energy below which what others leave of it is none: round-off.
+_STEPS, _ACCURACY, _DEPENDENT = 300, 1e-10, 1e-14
 
 
 def clusters(modes: Modes, close: float = CLOSE) -> list[np.ndarray]:
@@ -392,19 +393,32 @@ class Complement:
         self.modes, self.model, self.close = modes, modes.model, close
         if not self.model.is_dense and modes.solver is None:
             raise InputError("modes: expected modes with their solver.")
-        self._pencil = DampedPencil(self.model, modes.given)
-        self.comm = self._pencil.comm
-        self.shapes = modes.shapes if self.model.is_dense else as_columns(modes.shapes)
-        if not self.model.is_dense:
-            check_modes(self._pencil, modes, self.shapes)
-        self._heavy = product(self._pencil.M, self.shapes)
-        self._lean = None if self.model.is_dense else without_zeros(self._pencil.M)
+        self._owned, self.comm = [], MPI.COMM_SELF
+        if self.model.is_dense:
+            self.shapes = modes.shapes
+            self._K, self._M = self.model.stiffness(modes.given), self.model.mass(modes.given)
+        else:
+            self.shapes, self.comm = as_columns(modes.shapes), self.model.comm
+            self._set_up(modes)
+            check_modes(self._M, modes, self.shapes)
+        self._heavy = product(self._M, self.shapes)
+
+    def _set_up(self, modes: Modes) -> None:
+        """M without its zeros, and A = K - shift M, which a direct solver has."""
+        M = self.model.mass(modes.given)
+        self._M = without_zeros(M)
+        M.destroy()
+        self._owned.append(self._M)
+        self._A = getattr(modes.solver, "shifted", None)
+        if self._A is None:
+            self._A = self.model.stiffness(modes.given)
+            self._A.axpy(-modes.solver.shift, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+            self._owned.append(self._A)
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""
-        self._pencil.destroy()
-        if self._lean is not None:
-            self._lean.destroy()
+        for A in self._owned:
+            A.destroy()
 
     def rows(self, sensors: Sensors) -> np.ndarray:
         """Rows by which sensors read, as columns: this rank's, (n_local, n_sensors)."""
@@ -469,7 +483,7 @@ class Complement:
     @cached_property
     def _next_is_near(self) -> bool:
         """Whether a dense model's next mode is as low as the last one known, or nearly so."""
-        K, M, last, n = self._pencil.K, self._pencil.M, self.modes.eigenvalues[-1], len(self.modes)
+        K, M, last, n = self._K, self._M, self.modes.eigenvalues[-1], len(self.modes)
         shift = (2 * np.pi * SHIFT_SHARE * self.model.dilation_frequency(self.modes.given)) ** 2
         every = scipy.linalg.eigvalsh(M, K + shift * M)[::-1]
         there = n < len(every) and every[n] > 0  # without mass there is none
@@ -479,12 +493,12 @@ class Complement:
         """What a dense model's w have beside the modes, of columns orthogonal to these."""
         if own[-1].any() and self._next_is_near:
             raise _error()
-        w, M = np.empty_like(r), self._pencil.M
+        w, M = np.empty_like(r), self._M
         border = np.abs(self.modes.eigenvalues).max() * self._heavy @ self._heavy.T
         for eigenvalue in np.unique(eigenvalues):
             mine = eigenvalues == eigenvalue
             # The border is a stiffness of the known modes alone, of which r has no share.
-            w[:, mine] = np.linalg.solve(self._pencil.K - eigenvalue * M + border, r[:, mine])
+            w[:, mine] = np.linalg.solve(self._K - eigenvalue * M + border, r[:, mine])
         return w - self.shapes @ (self._heavy.T @ w)
 
     def _krylov(self, r: np.ndarray, eigenvalues: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -505,7 +519,7 @@ class Complement:
         new, size = self._orthonormal(self._precondition(r), r, V)
         start, goal = size, _ACCURACY * np.sqrt(np.sum(size**2, axis=0))[:, None]
         for _ in range(_STEPS):
-            V, forces = np.hstack([V, new]), product(self._lean, new)
+            V, forces = np.hstack([V, new]), product(self._M, new)
             T = bordered(T, self.inner(V, forces))
             values, turn = np.linalg.eigh(T)
             # The nearest mode beyond those known is no higher than the lowest on this space.
@@ -529,18 +543,18 @@ class Complement:
 
         Twice, for what round-off left; the first time the forces stand for A W.
         """
-        S, n = np.eye(W.shape[1]), V.shape[1]
+        S = np.eye(W.shape[1])
         for again in (False, True):
             if again:
-                forces = product(self._pencil.K, W)
-                forces -= self.modes.solver.shift * product(self._lean, W)
-            part, own = np.split(self.inner(np.hstack([V, W]), forces), [n])
-            own = own - part.T @ part
-            values, turn = np.linalg.eigh(0.5 * (own + own.T))
-            kept = values > _DEPENDENT * np.max(values, initial=0.0)
+                forces = product(self._A, W)
+            part, own = self.inner(V, forces), self.inner(W, forces)
+            size = np.sqrt(np.maximum(np.diag(own), 0.0))
+            size[size == 0] = 1.0
+            values, turn = np.linalg.eigh((own - part.T @ part) / np.outer(size, size))
+            kept = values > _DEPENDENT
             root = np.sqrt(values[kept])
-            W = (W - V @ part) @ (turn[:, kept] / root)
-            S = (root[:, None] * turn[:, kept].T) @ S
+            W = (W - V @ part) @ (turn[:, kept] / size[:, None] / root)
+            S = (root[:, None] * turn[:, kept].T * size) @ S
         return W, S
 
     def _precondition(self, r: np.ndarray) -> np.ndarray:

@@ -607,7 +607,7 @@ class Assembly:
 
     @cached_property
     def _alike(self) -> list[tuple[int, np.ndarray]]:
-        """This rank's cells of each of them. However many regions, the compiled form is the same."""
+        """This rank's cells of each: the compiled form does not depend on the regions."""
         cells: dict[tuple, list[np.ndarray]] = {_way(region): [] for region in self._laws}
         for region, own in self.field.regions:
             cells[_way(region)].append(own)
@@ -642,19 +642,19 @@ class Assembly:
         Returns:
             Ones, (len(cells), n_owned_nodes).
         """
-        imap, pairs = self.V.dofmap.index_map, []
-        for number, some in enumerate(cells):
+        imap, pairs = self.V.dofmap.index_map, [np.empty((2, 0), dtype=np.int32)]
+        for i, some in enumerate(cells):
             nodes = np.unique(self.V.dofmap.list[self._owned(some)])
-            pairs.append(np.stack([np.full(len(nodes), number), nodes]))
-        number, node = np.hstack([*pairs, np.empty((2, 0), dtype=np.int32)])
+            pairs.append(np.stack([np.full(len(nodes), i), nodes]))
+        of, node = np.hstack(pairs)
         away = node >= imap.size_local
-        told = number[away], imap.local_to_global(node[away].astype(np.int32))
+        told = of[away], imap.local_to_global(node[away].astype(np.int32))
         first, last = imap.local_range
-        numbers, nodes = [number[~away]], [node[~away]]
-        for other, at in self.comm.allgather(told):
+        sets, nodes = [of[~away]], [node[~away]]
+        for others, at in self.comm.allgather(told):
             mine = (at >= first) & (at < last)
-            numbers.append(other[mine]), nodes.append(at[mine] - first)
-        at = np.concatenate(numbers), np.concatenate(nodes)
+            sets.append(others[mine]), nodes.append(at[mine] - first)
+        at = np.concatenate(sets), np.concatenate(nodes)
         found = scipy.sparse.coo_array(
             (np.ones(len(at[0])), at), shape=(len(cells), imap.size_local)
         ).tocsr()

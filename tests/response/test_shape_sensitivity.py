@@ -11,7 +11,7 @@ from shape_slopes import shape_slopes
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements import mac
-from fenics_joints.meshes import box
+from fenics_joints.meshes import box, in_patches
 from fenics_joints.modal import solve_modes
 from fenics_joints.reduction import reduce
 from fenics_joints.response import (
@@ -25,7 +25,7 @@ from fenics_joints.structure import Parameter, PointMass, Sensors, Spring, Struc
 
 # -- free plates with a layer, a mass that moves and a spring: no mode near another ---------------
 
-LINE = np.concatenate([np.linspace(0.01, 0.12, 6), np.linspace(0.2, 0.31, 6)])
+LINE = np.concatenate([np.linspace(0.01, 0.12, 12), np.linspace(0.2, 0.31, 12)])
 MANY = Sensors(
     np.column_stack([LINE, 0.02 + 0 * LINE, np.where(LINE < 0.16, 0.004, 0.012)]), [0.0, 0.3, 1.0]
 )
@@ -232,3 +232,56 @@ def test_two_ranks_agree():
         found.append([*single, span_gradients(modes, PAIR, TIP)[1], parted.slopes * sign])
     for alone, together in zip(*found, strict=True):
         assert together == pytest.approx(alone, rel=1e-4, abs=1e-5 * np.abs(alone).max())
+
+
+# -- a modulus for each patch ----------------------------------------------------------------------
+
+
+def patched(comm):
+    """A free plate of forty patches, one cell each, with moduli that differ and one density."""
+    lengths, across = np.array([0.32, 0.2]), np.array([8, 5])
+    mesh, names = in_patches(
+        box(comm, (*lengths, 0.01), (*across, 1)),
+        "body",
+        lambda x: np.floor(x[:, :2] / lengths * across).astype(int) @ [1, 8],
+    )
+    moduli = 7e10 * np.exp(0.2 * np.random.default_rng(8).standard_normal(len(names)))
+    return Structure(
+        mesh,
+        [part(name, name, E=f"{name}.E", nu=0.3, rho="rho") for name in names],
+        [
+            *(Parameter(f"{n}.E", E, "Pa") for n, E in zip(names, moduli.tolist(), strict=True)),
+            Parameter("rho", 2700.0, "kg/m3"),
+        ],
+    )
+
+
+@pytest.mark.parallel
+def test_by_the_modulus_of_each_patch():
+    """Eigenvalues and shapes beside differences, and beside one rank's: patches that have no node
+    in common are rows of one matrix, on one rank or on several."""
+    model, wanted = patched(MPI.COMM_WORLD), np.arange(6, 12)
+    places = Sensors([[0.01, 0.02, 0.01], [0.13, 0.19, 0.01], [0.3, 0.08, 0.01]], [0.1, 0.2, 1.0])
+
+    def solved(model, given=None):
+        modes = solve_modes(model, given, n_modes=14, tolerance=1e-10)
+        return modes, modes.at(places)[:, wanted]
+
+    modes, shapes = solved(model)
+    found = modes.gradients(wanted), shape_gradients(modes, wanted, places)
+    alone, same = solved(patched(MPI.COMM_SELF))
+    sign = np.sign(np.sum(same * shapes, axis=0))
+    assert found[0] == pytest.approx(alone.gradients(wanted), rel=1e-6)
+    expected = shape_gradients(alone, wanted, places) * sign[:, None]
+    assert np.abs(found[1] - expected).max() < 1e-6 * np.abs(expected).max()
+    names, values = list(model.parameters), model.values()
+    for p in [*np.random.default_rng(5).choice(40, 3, replace=False).tolist(), 40]:
+        step = 1e-3 * values[names[p]]
+        (up, high), (down, low) = (
+            solved(model, {names[p]: values[names[p]] + s}) for s in (step, -step)
+        )
+        slopes = (up.eigenvalues - down.eigenvalues)[wanted] / (2 * step)
+        assert found[0][:, p] == pytest.approx(slopes, rel=1e-4)
+        high, low = (at * np.sign(np.sum(at * shapes, axis=0)) for at in (high, low))
+        slopes = (high - low) / (2 * step)
+        assert np.abs(found[1][..., p] - slopes).max() < 1e-4 * np.abs(slopes).max()
