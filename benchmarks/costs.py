@@ -126,10 +126,8 @@ def plate_sensors(count: int = 20) -> Sensors:
 
 
 def patches(args) -> dict:
-    (full, made, _), sensors = (
-        timed(lambda: patched_plate(MPI.COMM_WORLD, args.cells, args.patches)),
-        plate_sensors(),
-    )
+    full, made, _ = timed(lambda: patched_plate(MPI.COMM_WORLD, args.cells, args.patches))
+    sensors = plate_sensors()
     solve = solve_modes(full, n_modes=26)
     elastic, rows = np.arange(solve.n_rigid, 26), []
     solve.gradients(elastic), shape_gradients(solve, elastic[:1], sensors)  # compiles the forms

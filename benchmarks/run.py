@@ -131,6 +131,25 @@ ROWS = {
         lambda found: found["gradient"]["ratio gradient / solution (median of pairs)"],
         "< 0.1",
     ),
+    "patches": Row(
+        "Derivatives of 20 modes by the moduli of 1,000 patches, over one modal solution",
+        "costs.py patches --runs 5",
+        "costs.py patches --runs 3 --cells 32 20 1 --patches 16",
+        lambda found: found["patches"]["ratio of eigenvalues (median of pairs)"],
+        "< 1",
+        lambda found: (
+            f"{found['patches']['DOFs']:,} DOFs; of their shapes at 20 sensors "
+            f"{found['patches']['ratio of shapes (median of pairs)']:.2f}"
+        ),
+    ),
+    "many": Row(
+        "One iteration of an update of 1,000 moduli on 20 modes with shapes, over a modal solution",
+        "updating.py many --runs 1 --cells 120 75 3",
+        "updating.py many --runs 3 --cells 32 20 1 --patches 16",
+        lambda found: found["many"]["ratio"],
+        "< 2",
+        lambda found: f"{found['many']['dofs']:,} DOFs",
+    ),
     "assembly": Row(
         "K(p) and M(p) as sums of kept matrices, over their assembly",
         "costs.py assembly",

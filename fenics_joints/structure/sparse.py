@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy.sparse
 from petsc4py import PETSc
 
 from fenics_joints.structure.components import number
@@ -218,7 +219,8 @@ def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
     return lean
 
 
-#: Share of a sample in a sum, relative to the largest, that is round-off.
+#: Share of a sample in a sum, relative to the largest, and of an entry in the sum of the magnitudes
+#: that it is made of, that is round-off.
 _ROUND_OFF = 1e-13
 #: Degrees of freedom above which nothing is kept, to save memory: chosen; a solution takes long
 #: then in any case.
@@ -231,7 +233,8 @@ Assembly = Any
 class LawMatrices:
     """A region's stiffness and mass at its law's samples, assembled when first asked for.
 
-    They share a pattern: it takes 8 bytes for each entry and sample, and 8 for the pattern.
+    Once the stiffness at all samples is there, the matrices before the law's scalars are kept
+    instead: each has entries between a few of the displacement's directions only.
 
     Args:
         assembly: The structure.
@@ -241,21 +244,24 @@ class LawMatrices:
     def __init__(self, assembly: Assembly, index: int):
         self.assembly, self.index = assembly, index
         self.law: Law = assembly.regions[index].law
-        self._entries: dict[tuple[int, int], np.ndarray] = {}
-        self._pattern: tuple[np.ndarray, np.ndarray] | None = None
-        self._places: np.ndarray | None = None
+        self.pattern: tuple[np.ndarray, np.ndarray] | None = None
+        self._entries: tuple[dict[int, np.ndarray], ...] = ({}, {})
+        self._of_terms: scipy.sparse.csr_array | None = None
 
     def entries(self, which: int, sample: int) -> np.ndarray:
         """Entries of this rank's rows of the stiffness (0) or mass (1) at a sample, (n_entries,).
         Collective."""
-        if (which, sample) not in self._entries:
-            self._entries[which, sample] = self._assembled(which, sample)
-        return self._entries[which, sample]
+        if not which and self._of_terms is not None:
+            return self._of_terms @ self._terms[sample]
+        kept = self._entries[which]
+        if sample not in kept:
+            kept[sample] = self._assembled(which, sample)
+        return kept[sample]
 
     def _assembled(self, which: int, sample: int) -> np.ndarray:
         self.assembly.field.fill(self.index, self.law.samples[sample])
         A = self.assembly.assembled(self.assembly.compiled_region(self.index, which))
-        *self._pattern, entries = A.getValuesCSR()
+        *self.pattern, entries = A.getValuesCSR()
         A.destroy()
         return entries
 
@@ -265,23 +271,49 @@ class LawMatrices:
         own, bs = self.assembly.V.dofmap.index_map, self.assembly.V.dofmap.index_map_bs
         sizes = own.size_local * bs, own.size_global * bs
         return PETSc.Mat().createAIJ(
-            (sizes, sizes), csr=(*self._pattern, entries), comm=self.assembly.comm
+            (sizes, sizes), csr=(*self.pattern, entries), comm=self.assembly.comm
         )
 
-    def sum(self, which: int, shares: np.ndarray) -> np.ndarray:
-        """Entries of the sum of the samples by their shares, (n_entries,). Collective."""
-        return sum(shares[i] * self.entries(which, int(i)) for i in np.flatnonzero(shares))
+    def kept(self, which: int) -> tuple[int, ...]:
+        """Samples that are there, or -1 for all the matrices before the scalars."""
+        every = not which and self._of_terms is not None
+        return (-1,) if every else tuple(sorted(self._entries[which]))
 
-    def places(self, keys: np.ndarray) -> np.ndarray:
-        """Positions of the entries among those of a larger pattern, given by its `_keys`."""
-        if self._places is None:
-            found = np.searchsorted(keys, _keys(*self._pattern, self.assembly.n_dofs))
-            self._places = found.astype(PETSc.IntType)
-        return self._places
+    def columns(self, which: int) -> scipy.sparse.csr_array:
+        """Entries of what is `kept`, (n_entries, n)."""
+        if which or self._of_terms is None:
+            kept = self._entries[which]
+            entries = [kept[sample] for sample in sorted(kept)]
+            if which or len(kept) < len(self.law.samples):
+                return scipy.sparse.csr_array(np.column_stack(entries))
+            self._of_terms = self._split(entries)
+            kept.clear()
+        return self._of_terms
 
-    def missing(self, which: int, shares: np.ndarray) -> int:
-        """Number of samples in a sum with these shares that have not been assembled."""
-        return sum((which, int(i)) not in self._entries for i in np.flatnonzero(shares))
+    def _split(self, entries: list[np.ndarray]) -> scipy.sparse.csr_array:
+        """Entries before the law's scalars, (n_entries, n), of those at all samples; some rows at a
+        time, as together they are many times as large."""
+        inverse, parts = np.linalg.inv(self._terms), []
+        bounds = np.linspace(0, len(entries[0]), _CHUNKS + 1).astype(int)
+        for low, high in zip(bounds[:-1], bounds[1:], strict=True):
+            some = np.stack([own[low:high] for own in entries])
+            terms, size = inverse @ some, np.abs(inverse) @ np.abs(some)
+            terms[np.abs(terms) <= _ROUND_OFF * size] = 0.0
+            parts.append(scipy.sparse.csr_array(terms.T))
+        return scipy.sparse.vstack(parts, format="csr")
+
+    def weights(self, which: int, q: Mapping[str, float]) -> np.ndarray:
+        """Factors of `columns` in the matrix at given properties, (n,)."""
+        if not which and self._of_terms is not None:
+            return np.asarray(self.law.stiffness_terms(q), dtype=float)
+        return self.shares(which, q)[list(self.kept(which))]
+
+    def missing(self, which: int, q: Mapping[str, float]) -> list[int]:
+        """Samples of which the matrix at given properties has a share, and that are not there."""
+        if not which and self._of_terms is not None:
+            return []
+        used = np.flatnonzero(self.shares(which, q)).tolist()
+        return [sample for sample in used if sample not in self._entries[which]]
 
     def shares(self, which: int, q: Mapping[str, float]) -> np.ndarray:
         """Shares of the samples in the matrix at given properties."""
@@ -297,7 +329,8 @@ class LawMatrices:
 
 
 class SummedMatrices:
-    """Stiffness and mass of all regions as sums of those at their laws' samples.
+    """Stiffness and mass of all regions as sums of kept matrices, by one product of a sparse matrix
+    with the vector of their factors.
 
     Args:
         assembly: The structure. Regions graded in space are assembled each time.
@@ -311,6 +344,7 @@ class SummedMatrices:
         self._graded = [laws for laws, g in zip(self.laws, graded, strict=True) if g]
         self._asked = [0, 0]
         self._like: PETSc.Mat | None = None
+        self._columns: list[tuple | None] = [None, None]
 
     def matrix(self, which: int, values: Mapping[str, float]) -> PETSc.Mat | None:
         """Stiffness (0), with the identity in rows of held DOFs, or mass (1). Collective.
@@ -322,18 +356,23 @@ class SummedMatrices:
         Returns:
             A new matrix; None as long as assembling the samples would take longer than it saves.
         """
-        if self.assembly.n_dofs > _MOST or not self._uniform or self._like is None:
+        if self.assembly.n_dofs > _MOST or not self._uniform:
             return None
-        if len(self._uniform) * self.assembly.n_local > len(self._pattern[1]):
-            return None
-        own = [(laws, laws.shares(which, self._properties(laws, values))) for laws in self._uniform]
-        missing = max(laws.missing(which, s) for laws, s in own)
         self._asked[which] += 1
-        if missing >= self._asked[which] or self._like is None:
+        if self._like is None or self._many:
             return None
-        found = self._sum(which, own)
-        if missing or self._graded:
+        own = [self._properties(laws, values) for laws in self._uniform]
+        missing = [laws.missing(which, q) for laws, q in zip(self._uniform, own, strict=True)]
+        if max(map(len, missing)) >= self._asked[which]:
+            return None
+        for laws, samples in zip(self._uniform, missing, strict=True):
+            for sample in samples:
+                laws.entries(which, sample)
+        if any(missing) or self._graded:
             self.assembly.field.update(values)  # samples were put into it
+        columns = self._all_columns(which)
+        weights = [laws.weights(which, q) for laws, q in zip(self._uniform, own, strict=True)]
+        found = columns @ np.concatenate(weights)
         for laws in self._graded:
             *pattern, entries = self.assembly.region_matrix(laws.index, which, None).getValuesCSR()
             found[np.searchsorted(self._keys, _keys(*pattern, self.assembly.n_dofs))] += entries
@@ -344,6 +383,12 @@ class SummedMatrices:
         if self._like is None and self.assembly.n_dofs <= _MOST:
             self._like = A.duplicate(copy=False)
             *self._pattern, _ = A.getValuesCSR()
+
+    @cached_property
+    def _many(self) -> bool:
+        """Whether the regions' matrices have more starts of rows than all of them have entries."""
+        starts = len(self._uniform) * self.assembly.n_local
+        return bool(self.assembly.comm.allreduce(starts - len(self._pattern[1])) > 0)
 
     @cached_property
     def _keys(self) -> np.ndarray:
@@ -360,20 +405,39 @@ class SummedMatrices:
         properties = self.assembly.regions[laws.index].properties
         return {key: number(properties[key], values) for key in laws.law.properties}
 
-    def _sum(self, which: int, own) -> np.ndarray:
-        total = np.zeros(len(self._pattern[1]))
-        for laws, shares in own:
-            if np.any(shares):
-                entries = laws.sum(which, shares)
-                total[laws.places(self._keys)] += entries
-        return total
+    def _all_columns(self, which: int) -> scipy.sparse.csr_array:
+        """Entries of all that is kept, side by side, at the entries of the pattern."""
+        before = self._columns[which]
+        if before is None or before[0] != [laws.kept(which) for laws in self._uniform]:
+            self._columns[which] = before = None
+            none = scipy.sparse.coo_array((len(self._pattern[1]), 0))
+            placed = [self._placed(laws, which) for laws in self._uniform if laws.kept(which)]
+            columns = scipy.sparse.hstack([none, *placed], format="csr")
+            before = [laws.kept(which) for laws in self._uniform], columns
+            self._columns[which] = before
+        return before[1]
+
+    def _placed(self, laws: LawMatrices, which: int) -> scipy.sparse.coo_array:
+        found = laws.columns(which).tocoo()
+        places = np.searchsorted(self._keys, _keys(*laws.pattern, self.assembly.n_dofs))
+        at = places[found.coords[0]].astype(np.int32), found.coords[1]
+        return scipy.sparse.coo_array((found.data, at), (len(self._keys), found.shape[1]))
 
     def _as_matrix(self, entries: np.ndarray, which: int) -> PETSc.Mat:
         if not which:
             entries[self._held] = 1.0
-        A = self._like.duplicate(copy=False)
-        A.setValuesCSR(*self._pattern, entries)
-        A.assemble()
+        if self.assembly.comm.size == 1:  # the entries themselves are the matrix's
+            A = PETSc.Mat().createAIJWithArrays(
+                self._like.getSizes(),
+                (*self._pattern, entries),
+                bsize=self._like.getBlockSizes(),
+                comm=self._like.comm,
+            )
+            A.setLGMap(*self._like.getLGMap())
+        else:
+            A = self._like.duplicate(copy=False)
+            A.setValuesCSR(*self._pattern, entries)
+            A.assemble()
         for option in ("SYMMETRIC", "SYMMETRY_ETERNAL", "NEW_NONZERO_ALLOCATION_ERR"):
             A.setOption(getattr(PETSc.Mat.Option, option), True)
         return A
