@@ -192,37 +192,45 @@ class Structure(Assembly):
         Parameters whose cells have no node in common are rows of one matrix, as the columns of a
         sparse Jacobian are found together (Curtis, Powell and Reid, J. Inst. Math. Appl. 13, 1974).
         """
-        changes: list[dict[tuple, list[int]]] = [{}, {}]
         position = {name: i for i, name in enumerate(self.parameters)}
+        for which, dependent in enumerate(self._dependent(apart)):
+            keys, regions = list(dependent), list(dependent.values())
+            nodes = self.nodes_of(
+                [np.concatenate([self.field.regions[i][1] for i in some]) for some in regions]
+            )
+            for together in self._apart(nodes):
+                moved = [(keys[k][0], i) for k in together for i in regions[k]]
+                A = self._slope_matrix(which, moved, values)
+                for k in together:
+                    rows, (name, layer) = None, keys[k]
+                    if len(together) > 1:
+                        own = nodes[[k]].indices
+                        rows = (own[:, None] * self.gdim + np.arange(self.gdim)).ravel()
+                    form = MatrixForm(A, k == together[-1], rows)
+                    yield position[name], "KM"[which], layer, form
+
+    def _dependent(self, apart) -> tuple[dict[tuple, list[int]], dict[tuple, list[int]]]:
+        """Regions whose stiffness, and whose mass, depends on a parameter, by its name and by that
+        of a region that is wanted apart, or None."""
+        found: tuple[dict[tuple, list[int]], ...] = ({}, {})
         for i, region in enumerate(self.regions):
             names = {n for key in region.law.properties for n in self.field.named(i, key)}
             layer = region.name if region.name in apart else None
-            for name in sorted(names, key=position.__getitem__):
+            for name in sorted(names):
                 for which, moves in enumerate(self._matters(i, name)):
                     if moves:
-                        key = name, None if which else layer
-                        changes[which].setdefault(key, []).append(i)
+                        found[which].setdefault((name, None if which else layer), []).append(i)
+        return found
+
+    def _slope_matrix(self, which: int, moved: list[tuple[str, int]], values) -> PETSc.Mat:
+        """dK (which = 0) or dM (1) of regions, each by a parameter of its own."""
         if self._direction is None:
             self._direction = fem.Function(self.field.space)
-        for which, each in enumerate(changes):
-            own = [np.concatenate([self.field.regions[i][1] for i in at]) for at in each.values()]
-            nodes, every = self.nodes_of(own), list(each.items())
-            for together in self._apart(nodes):
-                self._direction.x.array[:] = 0.0
-                for k in together:
-                    for i in every[k][1]:
-                        change = self.field.slopes(i, every[k][0][0], values)
-                        self.field.put(self._direction, *change)
-                cells = np.concatenate([own[k] for k in together])
-                A = self.assembled(self.slope_form(which, self._direction, cells))
-                for k in together:
-                    rows = None
-                    if len(together) > 1:
-                        rows = (
-                            nodes[[k]].indices[:, None] * self.gdim + np.arange(self.gdim)
-                        ).ravel()
-                    (name, layer), last = every[k][0], k == together[-1]
-                    yield position[name], "KM"[which], layer, MatrixForm(A, last, rows)
+        self._direction.x.array[:] = 0.0
+        for name, i in moved:
+            self.field.put(self._direction, *self.field.slopes(i, name, values))
+        cells = np.concatenate([self.field.regions[i][1] for _, i in moved])
+        return self.assembled(self.slope_form(which, self._direction, cells))
 
     def _apart(self, nodes) -> list[list[int]]:
         """Sets of cells in groups whose members have no node in common, the same on all ranks.
