@@ -291,14 +291,22 @@ class LawMatrices:
         return self._of_terms
 
     def _split(self, entries: list[np.ndarray]) -> scipy.sparse.csr_array:
-        """Entries before the law's scalars, (n_entries, n), of those at all samples; some rows at a
-        time, as together they are many times as large."""
+        """Entries before the law's scalars, (n_entries, n), of those at all samples.
+
+        An entry has a few of the scalars alone. All samples give them by least squares, so that
+        round-off is not more than in a sum of samples. Some entries at a time, as together they are
+        many times as large.
+        """
         inverse, parts = np.linalg.inv(self._terms), []
+        bits = 1 << np.arange(len(inverse))
         bounds = np.linspace(0, len(entries[0]), _CHUNKS + 1).astype(int)
         for low, high in zip(bounds[:-1], bounds[1:], strict=True):
             some = np.stack([own[low:high] for own in entries])
-            terms, size = inverse @ some, np.abs(inverse) @ np.abs(some)
-            terms[np.abs(terms) <= _ROUND_OFF * size] = 0.0
+            there = np.abs(inverse @ some) > _ROUND_OFF * (np.abs(inverse) @ np.abs(some))
+            codes, terms = bits @ there, np.zeros_like(some)
+            for code in np.unique(codes):
+                at, has = np.flatnonzero(codes == code), np.flatnonzero(bits & code)
+                terms[np.ix_(has, at)] = np.linalg.pinv(self._terms[:, has]) @ some[:, at]
             parts.append(scipy.sparse.csr_array(terms.T))
         return scipy.sparse.vstack(parts, format="csr")
 
