@@ -19,6 +19,7 @@ from fenics_joints.preload.conditions import ContactPairs
 from fenics_joints.preload.contact_state import ContactState
 from fenics_joints.preload.hold import find_hold
 from fenics_joints.preload.model import PreloadModel
+from fenics_joints.preload.multigrid import CYCLE, Multigrid
 from fenics_joints.preload.newton import NewtonMatrix, NewtonPreconditioner, set_blocks
 from fenics_joints.structure.faces import Interface
 from fenics_joints.structure.jumps import Jumps
@@ -35,9 +36,11 @@ _LEAST_ACCURATE = 1e-6
 #: Share of Coulomb's limit by which a pair may be beyond it and count as stuck when a step begins:
 #: what round-off and the tolerance of the step before leave.
 _AT_LIMIT = 1e-6
-#: Residual, relative to the loads, at which Newton ends. The last step is exact, so it lands at
-#: round-off, whatever the tolerance.
+#: Residual, relative to the loads, at which Newton ends. The last step by a factorisation is exact,
+#: so it lands at round-off, whatever the tolerance.
 _TOLERANCE = 1e-10
+#: Entries of x beyond which multigrid takes the place of factorisations in space.
+_LARGE = 20_000
 _OPTIONS = {"snes_linesearch_type": "basic", **_FACTOR}
 _NEWTON_OPTIONS = {
     "snes_type": "newtonls",
@@ -52,6 +55,16 @@ _NEWTON_OPTIONS = {
     # What a slow step leaves, the next one takes, with a new factorisation.
     "snes_max_linear_solve_fail": "10",
     "pc_type": "python",
+}
+#: Options of Newton steps by multigrid. How well the last step's equations foretold the residual
+#: bounds the accuracy of the next (Eisenstat and Walker, SIAM J. Sci. Comput. 17, 1996, choice 1),
+#: which is a hundredth at worst while pairs still change.
+_INEXACT = {
+    "snes_ksp_ew": None,
+    "snes_ksp_ew_version": "1",
+    "snes_ksp_ew_rtol0": "0.01",
+    "snes_ksp_ew_rtolmax": "0.01",
+    "ksp_gmres_cgs_refinement_type": "refine_ifneeded",
 }
 _HELP = (
     "Try, in this order: the force in several steps, each from the result before (initial=...); "
@@ -103,9 +116,16 @@ class PreloadSolver:
         self.model = model
         self.given = mapping("given", given, "values by the names of parameters")
         self.petsc_options, self.prefix = given_options(petsc_options), prefix
-        self.K = model.stiffness(self.given)
+        bodies = model.structure.stiffness(self.given)
+        self.multigrid: Multigrid | None = None
+        if self._held_pc_type() == "mg":
+            self.multigrid = Multigrid(model, bodies, self.given)
+        self.K = model.stiffness(self.given, bodies=bodies)
+        bodies.destroy()
         self.hold = find_hold(model, self.K)
         self.fixed = self._fixed()
+        if self.multigrid is not None:
+            self.multigrid.hold(model.jumps.local(self.fixed))
         self.pairs = _pairs(model, self.K, penalty)
         # Held entries: their row is x = 0. Their columns need not go, as x is zero there.
         diagonal = self.K.getDiagonal()
@@ -207,7 +227,7 @@ class PreloadSolver:
             options |= {"snes_type": "newtonls", "pc_type": "lu"}
             snes.setJacobian(work.jacobian, work.matrix())
         else:
-            options = dict(_NEWTON_OPTIONS)
+            options = _NEWTON_OPTIONS | ({} if self.multigrid is None else _INEXACT)
             snes.setJacobian(work.jacobian, work.shell())
             pc = snes.getKSP().getPC()
             pc.setType("python")
@@ -268,13 +288,21 @@ class PreloadSolver:
             driven.destroy()
         return unit
 
+    def _held_pc_type(self) -> str:
+        """PETSc's type of preconditioner of the symmetric system in each Newton step."""
+        large = self.model.structure.gdim == 3 and self.model.jumps.n > _LARGE
+        ours = "mg" if large and self.method == "semismooth" else "cholesky"
+        given = self.petsc_options.get("held_pc_type", ours)
+        return PETSc.Options(self.prefix).getString("held_pc_type", str(given))
+
     def preconditioner(self) -> NewtonPreconditioner:
         """That of all solutions, made with the first."""
         if self.newton is None:
             prefix = self.prefix + "held_"
             given = {k[5:]: v for k, v in self.petsc_options.items() if k.startswith("held_")}
-            options = {**_FACTOR, "pc_type": "cholesky", **given}
-            self.newton = NewtonPreconditioner(self.held, prefix, options)
+            ours = _FACTOR if self.multigrid is None else {"ksp_type": "preonly", **CYCLE}
+            options = {**ours, "pc_type": self._held_pc_type(), **given}
+            self.newton = NewtonPreconditioner(self.held, prefix, options, self.multigrid)
         return self.newton
 
     def combine(self, pairs: ContactPairs, A: np.ndarray, B: np.ndarray, out=None) -> PETSc.Mat:
@@ -325,6 +353,8 @@ class PreloadSolver:
                 owned.destroy()
         self.solver = None
         self.forget()
+        if self.multigrid is not None:
+            self.multigrid.destroy()
 
 
 def solve_preload(
@@ -371,7 +401,10 @@ class ContactResidual:
         products = self.system.held.getDiagonal()
         products.pointwiseMult(products, snes.getSolution())
         least = min(_ROUND_OFF * products.norm(), _LEAST_ACCURATE * self.scale())
-        snes.setTolerances(atol=max(self._atol, least))
+        atol = max(self._atol, least)
+        snes.setTolerances(atol=atol)
+        if self.system.multigrid is not None:
+            snes.getKSP().setTolerances(atol=0.5 * atol)
         products.destroy()
 
     def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
