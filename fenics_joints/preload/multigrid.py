@@ -14,7 +14,6 @@ from collections.abc import Mapping
 
 import numpy as np
 import scipy.sparse
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.modal.iterative import prolongation, set_near_null_space
@@ -176,8 +175,9 @@ def _cut(P: PETSc.Mat, rows: np.ndarray) -> None:
 def _without_zero_rows(A: PETSc.Mat) -> None:
     """Put a one, times a stiffness, where a coarse function is zero, as on a support."""
     diagonal = A.getDiagonal()
-    zero = diagonal.array_r <= np.finfo(float).eps * diagonal.max()[1]
-    if A.comm.tompi4py().allreduce(bool(zero.any()), op=MPI.LOR):
+    zero = np.flatnonzero(diagonal.array_r <= np.finfo(float).eps * diagonal.max()[1])
+    if A.comm.tompi4py().allreduce(len(zero)):
         diagonal.array[zero] = diagonal.max()[1]
+        A.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
         A.setDiagonal(diagonal)
     diagonal.destroy()

@@ -1,4 +1,4 @@
-"""Newton steps of contact from few factorisations, all of them symmetric.
+"""Newton steps of contact from few factorisations, all of them symmetric, or by multigrid.
 
 A step solves J d = F with J = A K + B, where the blocks A and B at the pairs come from
 `fenics_joints.preload.conditions` and A = 1, B = 0 elsewhere. Three kinds of entries occur:
@@ -11,6 +11,9 @@ Without the last one the rest of the system, known entries moved to the right, i
 positive definite. That matrix P is what gets factorised, and serves as preconditioner of GMRES on J
 otherwise: for Coulomb's limit, and when some pairs have changed their status since P was made, each
 of which costs at most one iteration. So P is made anew only when many have changed.
+
+Of large models one multigrid cycle stands for P^-1 (`fenics_joints.preload.multigrid`). It is made
+anew whenever a pair has changed, which costs a few cycles.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.modal.options import petsc_defaults
-from fenics_joints.preload.multigrid import Multigrid
+from fenics_joints.preload.multigrid import CYCLE, Multigrid
 
 #: Pairs that may have changed since P was factorised: about one Krylov iteration each. At most this
 #: share of n^(2/3), in which the ratio of a factorisation to a solution grows (nested dissection in
@@ -72,7 +75,8 @@ class NewtonPreconditioner:
         K: Stiffness in x, held entries apart.
         prefix: Options prefix of the KSP that solves with P.
         options: PETSc options of that KSP, without prefix.
-        multigrid: What a cycle for P, instead of its factorisation, is made from.
+        multigrid: What a cycle for P, instead of its factorisation, is made from; None for
+            that.
 
     Attributes:
         ksp: PETSc's solver with P.
@@ -165,7 +169,7 @@ class NewtonPreconditioner:
         """A multigrid cycle for P, whose corrections leave alone what is held, or nearly so."""
         springs = np.einsum("nii->ni", self.springs)
         stiff = self.held | (springs > self._diagonal.array_r[self.numbers])
-        with petsc_defaults(self.ksp.getOptionsPrefix(), self.options):
+        with petsc_defaults(self.ksp.getOptionsPrefix(), CYCLE | self.options):
             self.ksp.setOperators(self.P)
             self.ksp.getPC().setType("mg")
             self.multigrid.attach(self.ksp.getPC(), self.P, self.numbers[stiff])

@@ -14,12 +14,13 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError, mapping, member, real, wanted
 from fenics_joints.formatting import html_table, quantity
+from fenics_joints.machine.memory import give_back
 from fenics_joints.modal.options import given_options, last_line, petsc_defaults, reason_of
 from fenics_joints.preload.conditions import ContactPairs
 from fenics_joints.preload.contact_state import ContactState
 from fenics_joints.preload.hold import find_hold
 from fenics_joints.preload.model import PreloadModel
-from fenics_joints.preload.multigrid import CYCLE, Multigrid
+from fenics_joints.preload.multigrid import Multigrid
 from fenics_joints.preload.newton import NewtonMatrix, NewtonPreconditioner, set_blocks
 from fenics_joints.structure.faces import Interface
 from fenics_joints.structure.jumps import Jumps
@@ -39,8 +40,9 @@ _AT_LIMIT = 1e-6
 #: Residual, relative to the loads, at which Newton ends. The last step by a factorisation is exact,
 #: so it lands at round-off, whatever the tolerance.
 _TOLERANCE = 1e-10
-#: Entries of x beyond which multigrid takes the place of factorisations in space.
-_LARGE = 20_000
+#: Entries of x beyond which multigrid takes the place of factorisations in space. Measured: as fast
+#: at 4,000, with friction three times as fast at 16,000.
+_LARGE = 10_000
 _OPTIONS = {"snes_linesearch_type": "basic", **_FACTOR}
 _NEWTON_OPTIONS = {
     "snes_type": "newtonls",
@@ -60,6 +62,7 @@ _NEWTON_OPTIONS = {
 #: bounds the accuracy of the next (Eisenstat and Walker, SIAM J. Sci. Comput. 17, 1996, choice 1),
 #: which is a hundredth at worst while pairs still change.
 _INEXACT = {
+    "snes_max_linear_solve_fail": "1",  # then factorisations take over
     "snes_ksp_ew": None,
     "snes_ksp_ew_version": "1",
     "snes_ksp_ew_rtol0": "0.01",
@@ -85,7 +88,8 @@ class PreloadSolver:
         penalty: Stiffness per area, Pa/m, of method ``penalty``.
         petsc_options: Options of SNES, KSP and PC, without prefix. Those of the symmetric system in
             each Newton step (see `fenics_joints.preload.newton`) begin with ``held_``, such as
-            ``held_pc_type``; with a ``pc_type`` of your own the Newton matrix is assembled for it.
+            ``held_pc_type`` (``cholesky`` or ``mg``, by size if not given); with a ``pc_type`` of
+            your own the Newton matrix is assembled for it.
         prefix: Options prefix.
 
     Raises:
@@ -98,7 +102,10 @@ class PreloadSolver:
         fixed: Global numbers of owned entries held at zero: pins, supports, bubbles.
         pairs: The pairs that this rank owns.
         held: K with those entries held.
-        newton: The Newton steps' factorisation, kept for the next solution; None before the first.
+        multigrid: Coarse spaces of the bodies, for large models in space (see
+            `fenics_joints.preload.multigrid`); None where Newton steps factorise, as all do after a
+            step that multigrid has not solved.
+        newton: The Newton steps' preconditioner, kept for the next solution; None before the first.
     """
 
     def __init__(
@@ -118,10 +125,13 @@ class PreloadSolver:
         self.petsc_options, self.prefix = given_options(petsc_options), prefix
         bodies = model.structure.stiffness(self.given)
         self.multigrid: Multigrid | None = None
+        self._given_up = False
         if self._held_pc_type() == "mg":
             self.multigrid = Multigrid(model, bodies, self.given)
         self.K = model.stiffness(self.given, bodies=bodies)
         bodies.destroy()
+        if self.multigrid is not None:
+            give_back()
         self.hold = find_hold(model, self.K)
         self.fixed = self._fixed()
         if self.multigrid is not None:
@@ -195,8 +205,17 @@ class PreloadSolver:
         if initial is not None:
             initial.x.copy(x)
             x.array[self.model.jumps.local(self.fixed)] = 0.0
-        work = ContactResidual(self, pairs, load, start=initial is None)
-        self._run(work, x, monitor)
+        begin, failed = x.copy(), PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
+        try:
+            work = self._run(ContactResidual(self, pairs, load, initial is None), x, monitor)
+        except ConvergenceError:
+            reason = self.solver and self.solver.getConvergedReason()
+            if self.multigrid is None or reason != failed:
+                raise
+            self._give_up_multigrid()
+            begin.copy(x)
+            work = self._run(ContactResidual(self, pairs, load, initial is None), x, monitor)
+        begin.destroy()
         if driven is not None:  # x is what is left beside it
             load.axpy(1.0, self.K * driven)
             x.axpy(1.0, driven)
@@ -206,7 +225,7 @@ class PreloadSolver:
 
     # -- SNES --------------------------------------------------------------------------------
 
-    def _run(self, work: ContactResidual, x: PETSc.Vec, monitor) -> None:
+    def _run(self, work: ContactResidual, x: PETSc.Vec, monitor) -> ContactResidual:
         snes = PETSc.SNES().create(self.model.comm)
         snes.setOptionsPrefix(self.prefix)
         snes.setFunction(work.forces if self.method == "vi" else work.function, x.duplicate())
@@ -253,6 +272,13 @@ class PreloadSolver:
                 f"{snes.getFunctionNorm():.2e} N of {work.scale():.2e} N). {_HELP}",
                 reason_of(snes),
             )
+        return work
+
+    def _give_up_multigrid(self) -> None:
+        """Factorise from now on."""
+        self.forget(), self.multigrid.destroy()
+        self.multigrid, self._given_up = None, True
+        self.petsc_options.pop("held_pc_type", None)
 
     def _assembled(self) -> bool:
         """Whether the user's options want a preconditioner that needs the Newton matrix itself."""
@@ -291,7 +317,8 @@ class PreloadSolver:
     def _held_pc_type(self) -> str:
         """PETSc's type of preconditioner of the symmetric system in each Newton step."""
         large = self.model.structure.gdim == 3 and self.model.jumps.n > _LARGE
-        ours = "mg" if large and self.method == "semismooth" else "cholesky"
+        fits = large and self.method == "semismooth" and not self._given_up
+        ours = "mg" if fits else "cholesky"
         given = self.petsc_options.get("held_pc_type", ours)
         return PETSc.Options(self.prefix).getString("held_pc_type", str(given))
 
@@ -300,8 +327,7 @@ class PreloadSolver:
         if self.newton is None:
             prefix = self.prefix + "held_"
             given = {k[5:]: v for k, v in self.petsc_options.items() if k.startswith("held_")}
-            ours = _FACTOR if self.multigrid is None else {"ksp_type": "preonly", **CYCLE}
-            options = {**ours, "pc_type": self._held_pc_type(), **given}
+            options = {**_FACTOR, "pc_type": self._held_pc_type(), **given}
             self.newton = NewtonPreconditioner(self.held, prefix, options, self.multigrid)
         return self.newton
 
