@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from fenics_joints.modal.iterative import prolongation, set_near_null_space
 from fenics_joints.modal.options import petsc_defaults
 from fenics_joints.preload.model import PreloadModel
-from fenics_joints.structure.jumps import Jumps
+from fenics_joints.structure.jumps import Jumps, alone
 from fenics_joints.structure.structure import Structure
 
 _PREFIX = "fenics_joints_coarsening_"
@@ -60,8 +60,7 @@ class Multigrid:
             chain = [*_coarsenings(coarse, K), prolongation(coarse, structure)]
             K.destroy()
         R = from_displacements(model.jumps)
-        self._whole = R.matMult(chain[-1])
-        R.destroy(), chain.pop().destroy()
+        self._whole = alone(R.matMult(chain[-1]), R, chain.pop())
         #: Prolongations from coarse to fine, of which the finest is that of the present step.
         self.prolongations = [*chain, self._whole.copy()]
         self._matrices: list[PETSc.Mat | None] = [None] * len(self.prolongations)
@@ -149,10 +148,7 @@ def from_displacements(jumps: Jumps) -> PETSc.Mat:
     )
     right = jumps.T.matMult(E)
     left.axpy(-1.0, right, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-    R = D.matMult(left)
-    for owned in (D, E, left, right):
-        owned.destroy()
-    return R
+    return alone(D.matMult(left), D, E, left, right)
 
 
 def _sparse(jumps: Jumps, n_rows: int, n_columns: int, i, j, values) -> PETSc.Mat:
