@@ -41,7 +41,7 @@ CYCLE = {
 }
 
 
-class Multigrid:
+class ContactMultigrid:
     """Prolongations of the free bodies, and the coarse matrices of the last Newton step.
 
     Args:

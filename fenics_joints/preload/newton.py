@@ -25,7 +25,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.modal.options import petsc_defaults
-from fenics_joints.preload.multigrid import CYCLE, Multigrid
+from fenics_joints.preload.multigrid import CYCLE, ContactMultigrid
 
 #: Pairs that may have changed since P was factorised: about one Krylov iteration each. At most this
 #: share of n^(2/3), in which the ratio of a factorisation to a solution grows (nested dissection in
@@ -89,7 +89,7 @@ class NewtonPreconditioner:
         K: PETSc.Mat,
         prefix: str,
         options: Mapping[str, object],
-        multigrid: Multigrid | None = None,
+        multigrid: ContactMultigrid | None = None,
     ):
         self.K, self.options, self.multigrid = K, dict(options), multigrid
         self.P = K.copy()

@@ -20,7 +20,7 @@ from fenics_joints.preload.conditions import ContactPairs
 from fenics_joints.preload.contact_state import ContactState
 from fenics_joints.preload.hold import find_hold
 from fenics_joints.preload.model import PreloadModel
-from fenics_joints.preload.multigrid import Multigrid
+from fenics_joints.preload.multigrid import ContactMultigrid
 from fenics_joints.preload.newton import NewtonMatrix, NewtonPreconditioner, set_blocks
 from fenics_joints.structure.faces import Interface
 from fenics_joints.structure.jumps import Jumps
@@ -124,10 +124,10 @@ class PreloadSolver:
         self.given = mapping("given", given, "values by the names of parameters")
         self.petsc_options, self.prefix = given_options(petsc_options), prefix
         bodies = model.structure.stiffness(self.given)
-        self.multigrid: Multigrid | None = None
+        self.multigrid: ContactMultigrid | None = None
         self._given_up = False
         if self._held_pc_type() == "mg":
-            self.multigrid = Multigrid(model, bodies, self.given)
+            self.multigrid = ContactMultigrid(model, bodies, self.given)
         self.K = model.stiffness(self.given, bodies=bodies)
         bodies.destroy()
         if self.multigrid is not None:
