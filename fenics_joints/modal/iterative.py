@@ -418,7 +418,7 @@ class Multigrid:
                 # The levels come before the other options, which are theirs.
                 pc.setType(PETSc.Options(_PREFIX).getString("pc_type"))
                 if self.coarse is None:
-                    _set_near_null_space(A, self.structure)
+                    set_near_null_space(A, self.structure)
                 elif pc.getType() == PETSc.PC.Type.MG:
                     self._two_levels(pc, A, given, shift)
                 self.solver.setFromOptions()
@@ -428,13 +428,13 @@ class Multigrid:
 
     def _two_levels(self, pc, A, given, shift) -> None:
         if self._prolongation is None:
-            self._prolongation = _prolongation(self.coarse, self.structure)
+            self._prolongation = prolongation(self.coarse, self.structure)
         self._matrix = self.coarse.stiffness(given)
         M = self.coarse.mass(given)
         self._matrix.axpy(-shift, M, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         self._matrix.setOption(PETSc.Mat.Option.SPD, True)
         M.destroy()
-        _set_near_null_space(self._matrix, self.coarse)
+        set_near_null_space(self._matrix, self.coarse)
         pc.setMGLevels(2)
         pc.setMGInterpolation(1, self._prolongation)
         pc.getMGCoarseSolve().setOperators(self._matrix)
@@ -477,7 +477,7 @@ def to_upper_half(A: PETSc.Mat) -> None:
     A.convert(PETSc.Mat.Type.SBAIJ)  # in place
 
 
-def _prolongation(coarse: Structure, fine: Structure) -> PETSc.Mat:
+def prolongation(coarse: Structure, fine: Structure) -> PETSc.Mat:
     """Interpolation from degree 1 to degree 2 of displacements, zero at held DOFs of both."""
     P = fem_petsc.interpolation_matrix(coarse.V, fine.V)
     P.assemble()
@@ -494,7 +494,7 @@ def _prolongation(coarse: Structure, fine: Structure) -> PETSc.Mat:
     return lean
 
 
-def _set_near_null_space(A: PETSc.Mat, structure: Structure) -> None:
+def set_near_null_space(A: PETSc.Mat, structure: Structure) -> None:
     """Tell GAMG the rigid-body motions."""
     comm = structure.comm
     R = structure_motions(structure)

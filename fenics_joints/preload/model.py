@@ -340,17 +340,26 @@ class PreloadModel:
 
     # -- matrices ----------------------------------------------------------------------------
 
-    def stiffness(self, given: Mapping[str, float] | None = None, *, axial: bool = False):
+    def stiffness(
+        self,
+        given: Mapping[str, float] | None = None,
+        *,
+        axial: bool = False,
+        bodies: PETSc.Mat | None = None,
+    ) -> PETSc.Mat:
         """T^T K T with the bolts' beams; entries that nothing depends on have a one.
 
         Args:
             given: Values of the structure's parameters that differ from their nominal value.
             axial: Whether the beams resist stretching: yes about a preload state, not during it.
+            bodies: The structure's stiffness K at these values, if it is at hand; changed where
+                supports hold vertices that follow others.
         """
-        K = self.structure.stiffness(given)
+        K = self.structure.stiffness(given) if bodies is None else bodies
         self._stiffen(K)
         A = self.jumps.project(K)
-        K.destroy()
+        if bodies is None:
+            K.destroy()
         return self._with_extras(A, 0, axial, 1.0)
 
     def _stiffen(self, K: PETSc.Mat) -> None:

@@ -1,4 +1,4 @@
-"""Newton steps of contact from few factorisations, all of them symmetric.
+"""Newton steps of contact from few factorisations, all of them symmetric, or by multigrid.
 
 A step solves J d = F with J = A K + B, where the blocks A and B at the pairs come from
 `fenics_joints.preload.conditions` and A = 1, B = 0 elsewhere. Three kinds of entries occur:
@@ -11,6 +11,9 @@ Without the last one the rest of the system, known entries moved to the right, i
 positive definite. That matrix P is what gets factorised, and serves as preconditioner of GMRES on J
 otherwise: for Coulomb's limit, and when some pairs have changed their status since P was made, each
 of which costs at most one iteration. So P is made anew only when many have changed.
+
+Of large models one multigrid cycle stands for P^-1 (`fenics_joints.preload.multigrid`). It is made
+anew whenever a pair has changed, which costs a few cycles.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.modal.options import petsc_defaults
+from fenics_joints.preload.multigrid import CYCLE, ContactMultigrid
 
 #: Pairs that may have changed since P was factorised: about one Krylov iteration each. At most this
 #: share of n^(2/3), in which the ratio of a factorisation to a solution grows (nested dissection in
@@ -71,6 +75,8 @@ class NewtonPreconditioner:
         K: Stiffness in x, held entries apart.
         prefix: Options prefix of the KSP that solves with P.
         options: PETSc options of that KSP, without prefix.
+        multigrid: What a cycle for P, instead of its factorisation, is made from; None for
+            that.
 
     Attributes:
         ksp: PETSc's solver with P.
@@ -78,8 +84,14 @@ class NewtonPreconditioner:
         solves: How often it was used.
     """
 
-    def __init__(self, K: PETSc.Mat, prefix: str, options: Mapping[str, object]):
-        self.K, self.options = K, dict(options)
+    def __init__(
+        self,
+        K: PETSc.Mat,
+        prefix: str,
+        options: Mapping[str, object],
+        multigrid: ContactMultigrid | None = None,
+    ):
+        self.K, self.options, self.multigrid = K, dict(options), multigrid
         self.P = K.copy()
         self.P.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.P.setOption(PETSc.Mat.Option.SPD, True)
@@ -104,7 +116,8 @@ class NewtonPreconditioner:
         else:
             local = int(np.sum(np.any(state != self._state, axis=1)))
             changed = self.K.comm.tompi4py().allreduce(local, op=MPI.SUM)
-        if changed > min(_MOST, _SHARE * self.K.getSize()[0] ** (2 / 3)):
+        most = min(_MOST, _SHARE * self.K.getSize()[0] ** (2 / 3))
+        if changed > (most if self.multigrid is None else 0):  # a cycle is cheap to make
             self._factorise(state)
 
     def _invert(self) -> None:
@@ -128,7 +141,10 @@ class NewtonPreconditioner:
         set_blocks(self.P, rows, self.springs, PETSc.InsertMode.ADD_VALUES)
         mean = self._diagonal.sum() / self._diagonal.getSize()
         self.P.zeroRowsColumns(rows[self.held], diag=mean)
-        self._set_up()
+        if self.multigrid is None:
+            self._set_up()
+        else:
+            self._make_cycle()
         self._state = state
         self.factorisations += 1
 
@@ -148,6 +164,17 @@ class NewtonPreconditioner:
                 self.P.setOption(PETSc.Mat.Option.SPD, False)
                 self.P.setOption(PETSc.Mat.Option.SYMMETRIC, True)
             self.ksp.getPC().reset()  # PETSc keeps the error with the factor
+
+    def _make_cycle(self) -> None:
+        """A multigrid cycle for P, whose corrections leave alone what is held, or nearly so."""
+        springs = np.einsum("nii->ni", self.springs)
+        stiff = self.held | (springs > self._diagonal.array_r[self.numbers])
+        with petsc_defaults(self.ksp.getOptionsPrefix(), CYCLE | self.options):
+            self.ksp.setOperators(self.P)
+            self.ksp.getPC().setType("mg")
+            self.multigrid.attach(self.ksp.getPC(), self.P, self.numbers[stiff])
+            self.ksp.setFromOptions()
+            self.ksp.setUp()
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """PETSc's application: z with P z = r up to what P leaves out."""

@@ -14,11 +14,13 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError, mapping, member, real, wanted
 from fenics_joints.formatting import html_table, quantity
+from fenics_joints.machine.memory import give_back
 from fenics_joints.modal.options import given_options, last_line, petsc_defaults, reason_of
 from fenics_joints.preload.conditions import ContactPairs
 from fenics_joints.preload.contact_state import ContactState
 from fenics_joints.preload.hold import find_hold
 from fenics_joints.preload.model import PreloadModel
+from fenics_joints.preload.multigrid import ContactMultigrid
 from fenics_joints.preload.newton import NewtonMatrix, NewtonPreconditioner, set_blocks
 from fenics_joints.structure.faces import Interface
 from fenics_joints.structure.jumps import Jumps
@@ -35,9 +37,12 @@ _LEAST_ACCURATE = 1e-6
 #: Share of Coulomb's limit by which a pair may be beyond it and count as stuck when a step begins:
 #: what round-off and the tolerance of the step before leave.
 _AT_LIMIT = 1e-6
-#: Residual, relative to the loads, at which Newton ends. The last step is exact, so it lands at
-#: round-off, whatever the tolerance.
+#: Residual, relative to the loads, at which Newton ends. The last step by a factorisation is exact,
+#: so it lands at round-off, whatever the tolerance.
 _TOLERANCE = 1e-10
+#: Entries of x beyond which multigrid takes the place of factorisations in space. Measured: as fast
+#: at 4,000, with friction three times as fast at 16,000.
+_LARGE = 10_000
 _OPTIONS = {"snes_linesearch_type": "basic", **_FACTOR}
 _NEWTON_OPTIONS = {
     "snes_type": "newtonls",
@@ -52,6 +57,17 @@ _NEWTON_OPTIONS = {
     # What a slow step leaves, the next one takes, with a new factorisation.
     "snes_max_linear_solve_fail": "10",
     "pc_type": "python",
+}
+#: Options of Newton steps by multigrid. How well the last step's equations foretold the residual
+#: bounds the accuracy of the next (Eisenstat and Walker, SIAM J. Sci. Comput. 17, 1996, choice 1),
+#: which is a hundredth at worst while pairs still change.
+_INEXACT = {
+    "snes_max_linear_solve_fail": "1",  # then factorisations take over
+    "snes_ksp_ew": None,
+    "snes_ksp_ew_version": "1",
+    "snes_ksp_ew_rtol0": "0.01",
+    "snes_ksp_ew_rtolmax": "0.01",
+    "ksp_gmres_cgs_refinement_type": "refine_ifneeded",
 }
 _HELP = (
     "Try, in this order: the force in several steps, each from the result before (initial=...); "
@@ -72,7 +88,8 @@ class PreloadSolver:
         penalty: Stiffness per area, Pa/m, of method ``penalty``.
         petsc_options: Options of SNES, KSP and PC, without prefix. Those of the symmetric system in
             each Newton step (see `fenics_joints.preload.newton`) begin with ``held_``, such as
-            ``held_pc_type``; with a ``pc_type`` of your own the Newton matrix is assembled for it.
+            ``held_pc_type`` (``cholesky`` or ``mg``, by size if not given); with a ``pc_type`` of
+            your own the Newton matrix is assembled for it.
         prefix: Options prefix.
 
     Raises:
@@ -85,7 +102,10 @@ class PreloadSolver:
         fixed: Global numbers of owned entries held at zero: pins, supports, bubbles.
         pairs: The pairs that this rank owns.
         held: K with those entries held.
-        newton: The Newton steps' factorisation, kept for the next solution; None before the first.
+        multigrid: Coarse spaces of the bodies, for large models in space (see
+            `fenics_joints.preload.multigrid`); None where Newton steps factorise, as all do after a
+            step that multigrid has not solved.
+        newton: The Newton steps' preconditioner, kept for the next solution; None before the first.
     """
 
     def __init__(
@@ -103,9 +123,19 @@ class PreloadSolver:
         self.model = model
         self.given = mapping("given", given, "values by the names of parameters")
         self.petsc_options, self.prefix = given_options(petsc_options), prefix
-        self.K = model.stiffness(self.given)
+        bodies = model.structure.stiffness(self.given)
+        self.multigrid: ContactMultigrid | None = None
+        self._given_up = False
+        if self._held_pc_type() == "mg":
+            self.multigrid = ContactMultigrid(model, bodies, self.given)
+        self.K = model.stiffness(self.given, bodies=bodies)
+        bodies.destroy()
+        if self.multigrid is not None:
+            give_back()
         self.hold = find_hold(model, self.K)
         self.fixed = self._fixed()
+        if self.multigrid is not None:
+            self.multigrid.hold(model.jumps.local(self.fixed))
         self.pairs = _pairs(model, self.K, penalty)
         # Held entries: their row is x = 0. Their columns need not go, as x is zero there.
         diagonal = self.K.getDiagonal()
@@ -175,8 +205,17 @@ class PreloadSolver:
         if initial is not None:
             initial.x.copy(x)
             x.array[self.model.jumps.local(self.fixed)] = 0.0
-        work = ContactResidual(self, pairs, load, start=initial is None)
-        self._run(work, x, monitor)
+        begin, failed = x.copy(), PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
+        try:
+            work = self._run(ContactResidual(self, pairs, load, initial is None), x, monitor)
+        except ConvergenceError:
+            reason = self.solver and self.solver.getConvergedReason()
+            if self.multigrid is None or reason != failed:
+                raise
+            self._give_up_multigrid()
+            begin.copy(x)
+            work = self._run(ContactResidual(self, pairs, load, initial is None), x, monitor)
+        begin.destroy()
         if driven is not None:  # x is what is left beside it
             load.axpy(1.0, self.K * driven)
             x.axpy(1.0, driven)
@@ -186,7 +225,7 @@ class PreloadSolver:
 
     # -- SNES --------------------------------------------------------------------------------
 
-    def _run(self, work: ContactResidual, x: PETSc.Vec, monitor) -> None:
+    def _run(self, work: ContactResidual, x: PETSc.Vec, monitor) -> ContactResidual:
         snes = PETSc.SNES().create(self.model.comm)
         snes.setOptionsPrefix(self.prefix)
         snes.setFunction(work.forces if self.method == "vi" else work.function, x.duplicate())
@@ -207,7 +246,7 @@ class PreloadSolver:
             options |= {"snes_type": "newtonls", "pc_type": "lu"}
             snes.setJacobian(work.jacobian, work.matrix())
         else:
-            options = dict(_NEWTON_OPTIONS)
+            options = _NEWTON_OPTIONS | ({} if self.multigrid is None else _INEXACT)
             snes.setJacobian(work.jacobian, work.shell())
             pc = snes.getKSP().getPC()
             pc.setType("python")
@@ -233,6 +272,13 @@ class PreloadSolver:
                 f"{snes.getFunctionNorm():.2e} N of {work.scale():.2e} N). {_HELP}",
                 reason_of(snes),
             )
+        return work
+
+    def _give_up_multigrid(self) -> None:
+        """Factorise from now on."""
+        self.forget(), self.multigrid.destroy()
+        self.multigrid, self._given_up = None, True
+        self.petsc_options.pop("held_pc_type", None)
 
     def _assembled(self) -> bool:
         """Whether the user's options want a preconditioner that needs the Newton matrix itself."""
@@ -268,13 +314,21 @@ class PreloadSolver:
             driven.destroy()
         return unit
 
+    def _held_pc_type(self) -> str:
+        """PETSc's type of preconditioner of the symmetric system in each Newton step."""
+        large = self.model.structure.gdim == 3 and self.model.jumps.n > _LARGE
+        fits = large and self.method == "semismooth" and not self._given_up
+        ours = "mg" if fits else "cholesky"
+        given = self.petsc_options.get("held_pc_type", ours)
+        return PETSc.Options(self.prefix).getString("held_pc_type", str(given))
+
     def preconditioner(self) -> NewtonPreconditioner:
         """That of all solutions, made with the first."""
         if self.newton is None:
             prefix = self.prefix + "held_"
             given = {k[5:]: v for k, v in self.petsc_options.items() if k.startswith("held_")}
-            options = {**_FACTOR, "pc_type": "cholesky", **given}
-            self.newton = NewtonPreconditioner(self.held, prefix, options)
+            options = {**_FACTOR, "pc_type": self._held_pc_type(), **given}
+            self.newton = NewtonPreconditioner(self.held, prefix, options, self.multigrid)
         return self.newton
 
     def combine(self, pairs: ContactPairs, A: np.ndarray, B: np.ndarray, out=None) -> PETSc.Mat:
@@ -325,6 +379,8 @@ class PreloadSolver:
                 owned.destroy()
         self.solver = None
         self.forget()
+        if self.multigrid is not None:
+            self.multigrid.destroy()
 
 
 def solve_preload(
@@ -371,7 +427,10 @@ class ContactResidual:
         products = self.system.held.getDiagonal()
         products.pointwiseMult(products, snes.getSolution())
         least = min(_ROUND_OFF * products.norm(), _LEAST_ACCURATE * self.scale())
-        snes.setTolerances(atol=max(self._atol, least))
+        atol = max(self._atol, least)
+        snes.setTolerances(atol=atol)
+        if self.system.multigrid is not None:
+            snes.getKSP().setTolerances(atol=0.5 * atol)
         products.destroy()
 
     def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:

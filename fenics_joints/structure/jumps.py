@@ -327,9 +327,7 @@ class Jumps:
         """T^T A T, a matrix over x. Collective."""
         # PETSc's PtAP takes four times as long where rows of T are averages of many.
         right, transposed = A.matMult(self.T), self.T.transpose(PETSc.Mat())
-        found = transposed.matMult(right)
-        right.destroy(), transposed.destroy()
-        return found
+        return alone(transposed.matMult(right), right, transposed)
 
     def displacement(self, x: PETSc.Vec) -> fem.Function:
         """The displacement u = T x as a function."""
@@ -362,6 +360,14 @@ class Jumps:
         """Local numbers of owned entries."""
         inside, extra = numbers - self.range[0], self._own + numbers - self.start
         return np.where(numbers < self.start, inside, extra).astype(np.int64)
+
+
+def alone(product: PETSc.Mat, *factors: PETSc.Mat) -> PETSc.Mat:
+    """A copy of a product, which is freed with its factors: it holds on to them. Collective."""
+    copy = product.copy()
+    for owned in (product, *factors):
+        owned.destroy()
+    return copy
 
 
 def _flat(parts: list[tuple]) -> list[np.ndarray]:

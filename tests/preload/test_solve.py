@@ -299,6 +299,49 @@ def test_block_on_springs():
     assert slip[:, 1].min() > 0
 
 
+def leaning(n: int, degree: int, kind: str, **more) -> tuple:
+    """A block pressed down on one side of another, then pushed: solver and the second state."""
+    x = np.linspace(0.0, 0.1, 2 * n + 1)
+    tagged = stacked_blocks(COMM, lower=(x, x, -x[n::-1]), upper=x[: n + 1])
+    loads = [
+        Traction("down", "top", (0.0, 0.0, -1e5), lambda p: 1.0 * (p[:, 0] < 0.05)),
+        Traction("push", "top", (1.5e4, 0.5e4, 0.0)),
+    ]
+    model = pressed(tagged, loads, friction=0.3, degree=degree)
+    solver = PreloadSolver(model, petsc_options={"held_pc_type": kind} | more)
+    return solver, solver.solve(initial=solver.solve({"push": 0.0}))
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("degree", [1, 2])
+def test_multigrid_finds_the_state_that_factorisations_find(degree):
+    """With friction, over two steps, of which the second has stick, slip and open pairs."""
+    states = []
+    for kind in ("cholesky", "mg"):
+        solver, result = leaning(3, degree, kind)
+        assert (solver.newton.multigrid is not None) == (kind == "mg")
+        states.append(result["c"])
+        solver.destroy()
+    exact, found = states
+    assert {OPEN, SLIP, STICK} == set(exact.status.tolist())
+    assert np.array_equal(exact.status, found.status)
+    assert np.allclose(exact.force, found.force, rtol=0, atol=1e-7 * exact.force.max())
+    assert np.allclose(exact.slip, found.slip, rtol=0, atol=1e-7 * np.abs(exact.slip).max())
+
+
+def test_multigrid_takes_no_more_cycles_on_finer_meshes():
+    """And it gives way to a factorisation where it does not work: here it does not smooth."""
+    cycles = []
+    for n in (3, 6):
+        solver, _ = leaning(n, 1, "mg")
+        cycles.append(solver.newton.solves)
+        solver.destroy()
+    assert cycles[1] < 1.3 * cycles[0]
+    solver, result = leaning(3, 1, "mg", held_mg_levels_ksp_max_it=0)
+    assert solver.newton.multigrid is None
+    assert result.complementarity < 1e-8
+
+
 @pytest.mark.parallel
 def test_divergence():
     """A solve that stops says why and what to try, whether Newton or the factorisation fails."""

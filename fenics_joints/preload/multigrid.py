@@ -1,0 +1,179 @@
+"""Multigrid for bodies in contact: coarsened once, cut off where the contact holds them.
+
+PETSc's smoothed aggregation (GAMG) coarsens the free bodies, each for itself, with the rigid
+motions as near null space (Vaněk, Mandel and Brezina, Computing 56, 1996); elements of degree 2
+first to degree 1. x = R u brings that to the unknowns of `fenics_joints.structure.jumps`. A Newton
+step holds some entries of x: their rows of the finest prolongation are set to zero, so that every
+coarse correction keeps the contact exactly, whatever pairs it closes, and the coarse matrices are
+P^T A P (truncated multigrid: Gräser and Kornhuber, J. Comput. Math. 27, 2009).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import scipy.sparse
+from petsc4py import PETSc
+
+from fenics_joints.modal.iterative import prolongation, set_near_null_space
+from fenics_joints.modal.options import petsc_defaults
+from fenics_joints.preload.model import PreloadModel
+from fenics_joints.structure.jumps import Jumps, alone
+from fenics_joints.structure.structure import Structure
+
+_PREFIX = "fenics_joints_coarsening_"
+#: Of GAMG only the prolongations are used, so nothing is solved with the singular matrix.
+_COARSENING = {
+    "ksp_type": "preonly",
+    "pc_type": "gamg",
+    "pc_gamg_threshold": "0.02",
+    "mg_levels_ksp_type": "richardson",
+    "mg_coarse_pc_type": "none",
+}
+#: PETSc options of the cycle.
+CYCLE = {
+    "mg_levels_ksp_type": "richardson",
+    "mg_levels_ksp_max_it": "1",
+    "mg_levels_pc_type": "sor",
+    "mg_coarse_pc_type": "redundant",
+    "mg_coarse_redundant_pc_type": "cholesky",
+}
+
+
+class ContactMultigrid:
+    """Prolongations of the free bodies, and the coarse matrices of the last Newton step.
+
+    Args:
+        model: The bodies and their contacts.
+        K: Stiffness of the bodies in u. Its near null space is set.
+        given: Values of the structure's parameters, those of K.
+    """
+
+    def __init__(self, model: PreloadModel, K: PETSc.Mat, given: Mapping[str, float] | None):
+        structure = model.structure
+        if structure.degree == 1:
+            chain = _coarsenings(structure, K)
+        else:
+            coarse = structure.coarser()
+            K = coarse.stiffness(given)
+            chain = [*_coarsenings(coarse, K), prolongation(coarse, structure)]
+            K.destroy()
+        R = from_displacements(model.jumps)
+        self._whole = alone(R.matMult(chain[-1]), R, chain.pop())
+        #: Prolongations from coarse to fine, of which the finest is that of the present step.
+        self.prolongations = [*chain, self._whole.copy()]
+        self._matrices: list[PETSc.Mat | None] = [None] * len(self.prolongations)
+
+    def hold(self, rows: np.ndarray) -> None:
+        """Hold entries of x, by local number, in all steps."""
+        _cut(self._whole, rows)
+
+    def attach(self, pc: PETSc.PC, A: PETSc.Mat, held: np.ndarray) -> None:
+        """Make levels for a matrix in x. Collective.
+
+        Args:
+            pc: The preconditioner, of PETSc's type ``mg``, before its options are read.
+            A: The matrix, of the same pattern in each call.
+            held: Local numbers of entries of x that it holds.
+        """
+        n = len(self.prolongations)
+        if pc.getMGLevels() != n + 1:
+            pc.setMGLevels(n + 1)
+        finest = self.prolongations[-1]
+        self._whole.copy(finest, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        _cut(finest, held)
+        for level in range(n, 0, -1):
+            pc.getMGSmoother(level).setOperators(A)
+            P = self.prolongations[level - 1]
+            pc.setMGInterpolation(level, P)
+            A = self._matrices[level - 1] = A.ptap(P, result=self._matrices[level - 1])
+            _without_zero_rows(A)
+        pc.getMGCoarseSolve().setOperators(A)
+
+    def destroy(self) -> None:
+        """Free everything. Collective."""
+        for owned in (self._whole, *self.prolongations, *self._matrices):
+            if owned is not None:
+                owned.destroy()
+
+
+def _coarsenings(structure: Structure, K: PETSc.Mat) -> list[PETSc.Mat]:
+    """Prolongations of a structure's stiffness, from coarse to fine."""
+    K.setBlockSize(structure.gdim)
+    set_near_null_space(K, structure)
+    ksp = PETSc.KSP().create(structure.comm)
+    ksp.setOptionsPrefix(_PREFIX)
+    ksp.setOperators(K)
+    with petsc_defaults(_PREFIX, _COARSENING):
+        ksp.setFromOptions()
+        ksp.setUp()
+    pc = ksp.getPC()
+    found = [pc.getMGInterpolation(level) for level in range(1, pc.getMGLevels())]
+    ksp.destroy()
+    return found
+
+
+def from_displacements(jumps: Jumps) -> PETSc.Mat:
+    """R with x = R u: jumps from the displacements of both sides, other governed entries zero.
+
+    An inverse of T where no side of a contact is governed by another; near it otherwise.
+    """
+    low, high = jumps.range
+    indptr, columns, _ = jumps.T.getValuesCSR()
+    lone = np.flatnonzero(np.diff(indptr) == 1)
+    same = lone[columns[indptr[lone]] == lone + low]
+    rows, columns, frames = [same], [same + low], [np.ones(len(same))]
+    turned = [frames[0]]
+    for c in jumps.contacts:
+        numbers = jumps.numbers(c)
+        mine = jumps.owned(numbers[:, 0])
+        at, F = numbers[mine], c.frames[mine]
+        i, j = np.broadcast_arrays(at[:, :, None] - low, at[:, None, :])
+        rows.append(i.ravel()), columns.append(j.ravel())
+        frames.append(F.ravel()), turned.append(F.transpose(0, 2, 1).ravel())
+    i, j = np.concatenate(rows), np.concatenate(columns)
+    own, n = high - low, jumps.n_local
+    every = np.arange(own)
+    # u = E x + (T - B) R u where B has a governed entry's own frame: R = D (1 + B - T E).
+    D = _sparse(jumps, n, own, i, j, np.concatenate(frames))
+    E = _sparse(jumps, n, own, every, every + low, np.ones(own))
+    left = _sparse(
+        jumps,
+        own,
+        own,
+        np.concatenate([every, i]),
+        np.concatenate([every + low, j]),
+        np.concatenate([np.ones(own), *turned]),
+    )
+    right = jumps.T.matMult(E)
+    left.axpy(-1.0, right, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    return alone(D.matMult(left), D, E, left, right)
+
+
+def _sparse(jumps: Jumps, n_rows: int, n_columns: int, i, j, values) -> PETSc.Mat:
+    """A matrix from this rank's rows, local, and global columns."""
+    A = scipy.sparse.csr_matrix((values, (i, j)), shape=(n_rows, jumps.n))
+    sizes = ((n_rows, None), (n_columns, None))
+    csr = (A.indptr.astype(np.int32), A.indices.astype(np.int32), A.data)
+    return PETSc.Mat().createAIJ(sizes, csr=csr, comm=jumps.comm)
+
+
+def _cut(P: PETSc.Mat, rows: np.ndarray) -> None:
+    """Set rows of a prolongation, by local number, to zero."""
+    kept = P.createVecLeft()
+    kept.set(1.0)
+    kept.array[rows] = 0.0
+    P.diagonalScale(kept, None)
+    kept.destroy()
+
+
+def _without_zero_rows(A: PETSc.Mat) -> None:
+    """Put a one, times a stiffness, where a coarse function is zero, as on a support."""
+    diagonal = A.getDiagonal()
+    zero = np.flatnonzero(diagonal.array_r <= np.finfo(float).eps * diagonal.max()[1])
+    if A.comm.tompi4py().allreduce(len(zero)):
+        diagonal.array[zero] = diagonal.max()[1]
+        A.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        A.setDiagonal(diagonal)
+    diagonal.destroy()
