@@ -155,7 +155,7 @@ def _sparse(jumps: Jumps, n_rows: int, n_columns: int, i, j, values) -> PETSc.Ma
     """A matrix from this rank's rows, local, and global columns."""
     A = scipy.sparse.csr_matrix((values, (i, j)), shape=(n_rows, jumps.n))
     sizes = ((n_rows, None), (n_columns, None))
-    csr = (A.indptr.astype(np.int32), A.indices.astype(np.int32), A.data)
+    csr = (A.indptr.astype(PETSc.IntType), A.indices.astype(PETSc.IntType), A.data)
     return PETSc.Mat().createAIJ(sizes, csr=csr, comm=jumps.comm)
 
 
