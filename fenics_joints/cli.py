@@ -63,8 +63,8 @@ def modes(
         bool,
         typer.Option(
             "--iterative",
-            help="Multigrid instead of a factorisation: slower, in a "
-            "fraction of the memory; not for contacts.",
+            help="Multigrid instead of a factorisation, in a fraction of the "
+            "memory; not for contacts.",
         ),
     ] = False,
     draw_all: Annotated[

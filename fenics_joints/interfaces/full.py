@@ -29,7 +29,7 @@ from fenics_joints.interfaces.motion import (
 )
 from fenics_joints.joint_laws.law import JointLaw
 from fenics_joints.modal.eigensolver import EigenSolver
-from fenics_joints.modal.iterative import structure_motions
+from fenics_joints.modal.multigrid import structure_motions
 from fenics_joints.modal.options import reason_of
 from fenics_joints.structure.sparse import absolute, product
 from fenics_joints.structure.structure import Places, Structure, place_loads

@@ -6,24 +6,14 @@ and elements in one call. Compiled laws are kept in the user's cache folder.
 
 from __future__ import annotations
 
-import hashlib
-import importlib.util
-import os
-import platform
-import sys
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 
-import cffi
 import numpy as np
 
 from fenics_joints.errors import InputError, JointsError
 from fenics_joints.joint_laws.law import JointLaw, is_rated
 from fenics_joints.joint_laws.source import law_source
-from fenics_joints.machine.imports import without_local_settings
-from fenics_joints.machine.private import cache_folder
-from fenics_joints.progress import compiling
+from fenics_joints.structure.compiled import compiled
 
 _DECLARATIONS = """
 int law_step(int P, int E, const double *e, const double *s, const double *p, double *f,
@@ -39,8 +29,6 @@ int law_harmonic(int P, int E, int K, int T, int cycles, int exact, int order,
                  const double *X, const double *Xd, const double *synthesis, const double *rules,
                  const double *p, double *s, double *begun, double *F, double *J);
 """
-# Without traps both sides of a conditional may be computed, and so elements side by side.
-_FLAGS = ["-O3", "-fno-math-errno", "-fno-trapping-math"]
 #: Samples that a panel of Gauss's rule replaces, and nodes in it: at 8 H samples or more, what a
 #: Jacobian integrates, up to twice the highest harmonic, goes through 2 pi in a panel.
 _PANEL, _GAUSS = 4, np.polynomial.legendre.leggauss(8)
@@ -53,7 +41,6 @@ _CYCLE_RULES = np.concatenate(
         for nodes, weights in map(np.polynomial.legendre.leggauss, range(1, _CYCLE_ORDER + 1))
     ]
 )
-_CPU = Path("/proc/cpuinfo")
 _kernels: dict[str, LawKernel] = {}
 
 
@@ -109,7 +96,7 @@ class LawKernel:
         self.n_parameters = len(law.parameters)
         self.rated = is_rated(law)
         self.inputs = self.d * (1 + self.rated)
-        self._library = _compile(source or law_source(law, n_slip, normal))
+        self._library = compiled(source or law_source(law, n_slip, normal), _DECLARATIONS, "law")
         self.n_switches = int(self._library.lib.law_switch_count())
 
     @staticmethod
@@ -308,53 +295,3 @@ class LawKernel:
 
 def _key(n_slip: int, normal: bool) -> str:
     return f"_kernel_{n_slip}_{int(normal)}"
-
-
-# -- compiled --------------------------------------------------------------------------------------
-
-
-def _compile(source: str):
-    """The compiled module of a source, from the cache or through cffi."""
-    flags, cpu = _machine()
-    text = "".join([source, _DECLARATIONS, *flags, cpu, sys.version, cffi.__version__])
-    name = f"law_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    folder = cache_folder(Path(root) / "fenics_joints" / "laws")
-    found = list(folder.glob(f"{name}.*"))
-    return _load(name, found[0] if found else _build(name, source, folder, flags))
-
-
-def _machine() -> tuple[list[str], str]:
-    """Compiler flags for this machine, and what tells it from others that share the cache."""
-    if platform.machine() != "x86_64" or not _CPU.is_file():
-        return _FLAGS, platform.machine()
-    lines = _CPU.read_text(encoding="utf-8", errors="replace").splitlines()
-    return [*_FLAGS, "-march=native"], next((s for s in lines if s.startswith("flags")), "")
-
-
-def _build(name: str, source: str, folder: Path, flags: list[str]) -> Path:
-    compiling()
-    ffi = cffi.FFI()
-    ffi.cdef(_DECLARATIONS)
-    ffi.set_source(name, source, extra_compile_args=flags)
-    try:
-        with tempfile.TemporaryDirectory(dir=folder) as scratch, without_local_settings():
-            built = Path(ffi.compile(tmpdir=scratch))
-            # Whole or not there, whoever else compiles the same law at this moment.
-            final = folder / built.name
-            os.replace(built, final)
-    except cffi.VerificationError as error:
-        raise JointsError(f"a joint law could not be compiled: {error}") from error
-    except OSError as error:
-        raise JointsError(
-            f"{folder}: a compiled joint law cannot be written there ({error.strerror}); expected "
-            "a folder to write to, or set XDG_CACHE_HOME to one"
-        ) from error
-    return final
-
-
-def _load(name: str, path: Path):
-    spec = importlib.util.spec_from_file_location(name, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
 
-from fenics_joints.modal.iterative import prolongation, set_near_null_space
+from fenics_joints.modal.multigrid import prolongation, set_near_null_space
 from fenics_joints.modal.options import petsc_defaults
 from fenics_joints.preload.model import PreloadModel
 from fenics_joints.structure.jumps import Jumps, alone

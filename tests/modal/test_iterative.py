@@ -35,12 +35,12 @@ def dumbbells(comm=MPI.COMM_WORLD) -> Structure:
     return Structure(tagged, [*bodies, layer], [Parameter("E", 6e9)])
 
 
-def plates() -> Structure:
+def plates(E: float = 1e6) -> Structure:
     """Plates 4 mm thick with cells of 14 mm, and between them 0.5 mm at a 70,000th of their E."""
     tagged = lap_plates(MPI.COMM_WORLD, n_length=14, n_width=5, n_thickness=1, zone=0.0)
     layer = [n for n in tagged.cell_names if n.startswith("joint")]
     regions = [part(n, n, **ALUMINIUM) for n in ("plate_1", "plate_2")]
-    regions += [joint(n, n, E=1e6, G=0.4e6) for n in layer]
+    regions += [joint(n, n, E=E, G=0.4 * E) for n in layer]
     return Structure(tagged, regions)
 
 
@@ -90,6 +90,17 @@ def test_a_soft_thin_layer_between_flat_cells_costs_few_iterations():
     found = compare(plates(), 10)
     assert found.n_rigid == 6
     assert found.statistics["iterations"] <= 30
+
+
+@pytest.mark.parallel
+def test_a_layer_of_any_stiffness_costs_few_iterations():
+    steps = [compare(plates(s * 69e9), 10).statistics["iterations"] for s in (1e-3, 1.0, 1e3)]
+    assert max(steps) <= 30
+
+
+@pytest.mark.parallel
+def test_modes_beyond_a_block_are_found_as_others_are_locked():
+    compare(dumbbells(), 24)
 
 
 @pytest.mark.parallel
@@ -145,7 +156,5 @@ def test_what_does_not_work_is_told():
     with pytest.raises(InputError, match="below zero"):
         IterativeEigenSolver(3, shift=0.0)
     # An exact coarse level instead of GAMG, by an option.
-    options = {"mg_coarse_pc_type": "cholesky", "mg_coarse_ksp_type": "preonly"}
-    found = compare(structure, 8, petsc_options=options)
-    coarse = found.solver.solver.getPC().getMGCoarseSolve().getPC()
-    assert coarse.getType() == "cholesky"
+    found = compare(structure, 8, petsc_options={"pc_type": "cholesky"})
+    assert found.solver.solver.getPC().getType() == "cholesky"

@@ -1,0 +1,78 @@
+"""C code compiled for this machine when first used, and kept in the user's cache folder."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import platform
+import sys
+import tempfile
+from pathlib import Path
+
+import cffi
+
+from fenics_joints.errors import JointsError
+from fenics_joints.machine.imports import without_local_settings
+from fenics_joints.machine.private import cache_folder
+from fenics_joints.progress import compiling
+
+# Without traps both sides of a conditional may be computed, and so elements side by side.
+_FLAGS = ["-O3", "-fno-math-errno", "-fno-trapping-math"]
+_CPU = Path("/proc/cpuinfo")
+
+
+def compiled(source: str, declarations: str, what: str):
+    """The compiled module of a source, from the cache or through cffi: has ``ffi`` and ``lib``.
+
+    Args:
+        source: C.
+        declarations: Of the functions to call.
+        what: Begins the file's name.
+
+    Raises:
+        JointsError: It could not be compiled, or written.
+    """
+    flags, cpu = _machine()
+    text = "".join([source, declarations, *flags, cpu, sys.version, cffi.__version__])
+    name = f"{what}_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    folder = cache_folder(Path(root) / "fenics_joints" / "laws")
+    found = list(folder.glob(f"{name}.*"))
+    return _load(name, found[0] if found else _build(name, source, declarations, folder, flags))
+
+
+def _machine() -> tuple[list[str], str]:
+    """Compiler flags for this machine, and what tells it from others that share the cache."""
+    if platform.machine() != "x86_64" or not _CPU.is_file():
+        return _FLAGS, platform.machine()
+    lines = _CPU.read_text(encoding="utf-8", errors="replace").splitlines()
+    return [*_FLAGS, "-march=native"], next((s for s in lines if s.startswith("flags")), "")
+
+
+def _build(name: str, source: str, declarations: str, folder: Path, flags: list[str]) -> Path:
+    compiling()
+    ffi = cffi.FFI()
+    ffi.cdef(declarations)
+    ffi.set_source(name, source, extra_compile_args=flags)
+    try:
+        with tempfile.TemporaryDirectory(dir=folder) as scratch, without_local_settings():
+            built = Path(ffi.compile(tmpdir=scratch))
+            # Whole or not there, whoever else compiles the same code at this moment.
+            final = folder / built.name
+            os.replace(built, final)
+    except cffi.VerificationError as error:
+        raise JointsError(f"C code could not be compiled: {error}") from error
+    except OSError as error:
+        raise JointsError(
+            f"{folder}: compiled C code cannot be written there ({error.strerror}); expected "
+            "a folder to write to, or set XDG_CACHE_HOME to one"
+        ) from error
+    return final
+
+
+def _load(name: str, path: Path):
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
