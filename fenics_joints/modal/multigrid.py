@@ -118,17 +118,25 @@ class Multigrid:
         """GAMG's levels in blocks, and the inverse on the last one."""
         pc = self.solver.getPC()
         count = pc.getMGLevels() if pc.getType() == PETSc.PC.Type.GAMG else 1
+        # What PETSc hands out is let go by hand: Python's collector cannot do it on several ranks.
         for level in range(count - 1, 0, -1):
-            A = pc.getMGSmoother(level).getOperators()[1]
-            own = SymmetricBlocks(A, A.getBlockSize()) if self._levels or K is None else K
-            self._levels.append((own, Rows.of(pc.getMGInterpolation(level))))
+            handed = pc.getMGSmoother(level), pc.getMGInterpolation(level)
+            handed += handed[0].getOperators()
+            _, P, A, _ = handed
+            own = SymmetricBlocks(A, A.getBlockSize()) if self._levels else K
+            self._levels.append((own, Rows.of(P)))
+            for each in handed:
+                each.destroy()
         self._last = None
         if pc.getType() == PETSc.PC.Type.GAMG:
-            A = pc.getMGCoarseSolve().getOperators()[1]
+            handed = pc.getMGCoarseSolve(), *pc.getMGCoarseSolve().getOperators()
+            A = handed[1]
             own = [rows.toarray() for _, rows in pieces(A, 1)]
             whole = np.concatenate(A.comm.tompi4py().allgather(np.concatenate(own)))
             first, last = A.getOwnershipRange()
             self._last = np.linalg.pinv(whole, rcond=1e-12, hermitian=True)[first:last]
+            for each in handed:
+                each.destroy()
             self.solver.reset()  # PETSc's copy of the levels
             self._matrix.destroy()
             self._matrix = None
