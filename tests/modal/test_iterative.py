@@ -94,8 +94,9 @@ def test_a_soft_thin_layer_between_flat_cells_costs_few_iterations():
 
 @pytest.mark.parallel
 def test_a_layer_of_any_stiffness_costs_few_iterations():
-    steps = [compare(plates(s * 69e9), 10).statistics["iterations"] for s in (1e-3, 1.0, 1e3)]
-    assert max(steps) <= 30
+    for stiffness in (1e-3, 1.0, 1e3):  # of the plates' modulus
+        found = compare(plates(stiffness * 69e9), 10, rel=1e-7)  # K's spread grows with it
+        assert found.statistics["iterations"] <= 30
 
 
 @pytest.mark.parallel
