@@ -19,7 +19,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from harness import launcher, parser, write
+from harness import launcher, parser, run, threads, write
 
 LENGTH, LAP, WIDTH, THICK, LAYER = 0.2, 0.06, 0.06, 0.006, 1e-5
 E, NU, RHO = 7e10, 0.33, 2700.0
@@ -194,7 +194,7 @@ def ours(folder: Path, *command: str) -> dict:
     """The JSON of one of our commands."""
     out = folder / "found.json"
     full = [*launcher(None), "fenics-joints", *command, "--json", str(out)]
-    subprocess.run(full, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    run(full, Path.cwd(), threads(1))
     return json.loads(out.read_text(encoding="utf-8"))
 
 

@@ -7,7 +7,6 @@ are arrays of this rank's rows, (n_local, 8), row by row.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from fenics_joints.structure.compiled import compiled
+from fenics_joints.structure.sparse import row_pieces
 
 #: Columns of a block.
 WIDTH = 8
@@ -84,29 +84,6 @@ class Ghosts:
             self._sf.destroy()
 
 
-def pieces(A: PETSc.Mat, size: int) -> Iterator[tuple[int, sparse.csr_matrix]]:
-    """This rank's rows some at a time, as (first row, rows with global columns). Collective.
-
-    Args:
-        A: The matrix.
-        size: The first row of a piece is a multiple of it, counted from this rank's first.
-    """
-    comm = A.comm.tompi4py()
-    first, last = A.getOwnershipRange()
-    n, step = A.getSize()[1], _CHUNK * size
-    count = comm.allreduce(-(-(last - first) // step), op=MPI.MAX)
-    start, stop = A.getOwnershipRangeColumn()
-    everything = PETSc.IS().createStride(stop - start, start, 1, comm=A.comm)
-    for k in range(count):
-        low, high = (min(first + j * step, last) for j in (k, k + 1))
-        some = PETSc.IS().createStride(high - low, low, 1, comm=A.comm)
-        part = A.createSubMatrix(some, everything)
-        at, columns, values = part.getValuesCSR()
-        part.destroy(), some.destroy()
-        yield low, sparse.csr_matrix((values, columns, at), (high - low, n))
-    everything.destroy()
-
-
 class Rows:
     """A sparse matrix by this rank's rows, and its transpose. Collective.
 
@@ -130,7 +107,7 @@ class Rows:
     @classmethod
     def of(cls, P: PETSc.Mat) -> Rows:
         """Of a PETSc matrix, which is not kept."""
-        rows = sparse.vstack([rows for _, rows in pieces(P, 1)], format="csr")
+        rows = sparse.vstack([rows for _, rows in row_pieces(P, _CHUNK)], format="csr")
         return cls(rows, P.comm.tompi4py(), np.asarray(P.getOwnershipRangesColumn()))
 
     def __matmul__(self, X: np.ndarray) -> np.ndarray:
@@ -164,7 +141,7 @@ class Mass:
         ranges = np.asarray(M.getOwnershipRanges())
         everywhere = np.concatenate(comm.allgather(~held)).reshape(-1, size)
         kept, scalar = [], True
-        for low, rows in pieces(M, size):
+        for low, rows in row_pieces(M, _CHUNK * size):
             blocks = rows.tobsr((size, size))
             row = np.repeat(np.arange(len(blocks.indptr) - 1), np.diff(blocks.indptr)) + low // size
             both = everywhere[row] & everywhere[blocks.indices]
@@ -181,7 +158,7 @@ class Mass:
             self.size = size
         else:
             self.size, kept = 1, []
-            for _, rows in pieces(M, size):
+            for _, rows in row_pieces(M, _CHUNK * size):
                 rows.eliminate_zeros()
                 kept.append(rows)
         self.rows = Rows(sparse.vstack(kept, format="csr"), comm, ranges // self.size)
@@ -220,7 +197,7 @@ class SymmetricBlocks:
         counts = np.zeros(n, dtype=np.int64)
         self._columns, self._values = np.empty(0, dtype=np.int32), np.empty((0, size, size))
         outer = []
-        for low, rows in pieces(A, size):
+        for low, rows in row_pieces(A, _CHUNK * size):
             blocks = rows.tobsr((size, size))
             blocks.sort_indices()
             row = np.repeat(np.arange(len(blocks.indptr) - 1), np.diff(blocks.indptr)) + low // size

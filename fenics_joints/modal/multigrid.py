@@ -26,11 +26,11 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.meshes.tagged import limits
-from fenics_joints.modal.blocks import WIDTH, Rows, SymmetricBlocks, pieces
+from fenics_joints.modal.blocks import WIDTH, Rows, SymmetricBlocks
 from fenics_joints.modal.options import petsc_defaults
 from fenics_joints.modal.rigid import rigid_motions
 from fenics_joints.structure.points import node_positions
-from fenics_joints.structure.sparse import dense_block, vectors_like, without_zeros
+from fenics_joints.structure.sparse import dense_block, row_pieces, vectors_like, without_zeros
 from fenics_joints.structure.structure import Structure
 
 _PREFIX = "fenics_joints_iterative_"
@@ -131,7 +131,7 @@ class Multigrid:
         if pc.getType() == PETSc.PC.Type.GAMG:
             handed = pc.getMGCoarseSolve(), *pc.getMGCoarseSolve().getOperators()
             A = handed[1]
-            own = [rows.toarray() for _, rows in pieces(A, 1)]
+            own = [rows.toarray() for _, rows in row_pieces(A, A.getSize()[0])]
             whole = np.concatenate(A.comm.tompi4py().allgather(np.concatenate(own)))
             first, last = A.getOwnershipRange()
             self._last = np.linalg.pinv(whole, rcond=1e-12, hermitian=True)[first:last]

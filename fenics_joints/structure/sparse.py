@@ -192,29 +192,40 @@ def combination(vectors: Sequence[PETSc.Vec], factors: np.ndarray) -> PETSc.Vec:
     return vectors_like(vectors[0], [as_columns(vectors) @ factors])[0]
 
 
-def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
-    """Copy of A without its stored zeros, some rows at a time: A's entries are not copied whole.
+def row_pieces(A: PETSc.Mat, step: int) -> Iterator[tuple[int, scipy.sparse.csr_matrix]]:
+    """This rank's rows some at a time, as (first row, rows with global columns). Collective.
 
-    A consistent mass in DOLFINx's blocked pattern is two-thirds zeros.
+    A's entries are not copied whole.
+
+    Args:
+        A: The matrix.
+        step: Rows of a piece, the same on all ranks; the last ones have fewer or none.
     """
     first, last = A.getOwnershipRange()
     start, stop = A.getOwnershipRangeColumn()
     everything = PETSc.IS().createStride(stop - start, start, 1, comm=A.comm)
-    bounds = np.linspace(first, last, _CHUNKS + 1).astype(PETSc.IntType)
-    counts, numbers, values = [], [], []
-    for low, high in zip(bounds[:-1], bounds[1:], strict=True):
+    for k in range(max(-(-int(np.diff(A.getOwnershipRanges()).max()) // step), 1)):
+        low, high = (min(first + j * step, last) for j in (k, k + 1))
         some = PETSc.IS().createStride(high - low, low, 1, comm=A.comm)
         part = A.createSubMatrix(some, everything)
-        at, column, value = part.getValuesCSR()
+        at, columns, values = part.getValuesCSR()
         part.destroy(), some.destroy()
-        keep = value != 0.0
-        counts.append(np.diff(np.concatenate([[0], np.cumsum(keep)])[at]))
-        numbers.append(column[keep])
-        values.append(value[keep])
+        yield low, scipy.sparse.csr_matrix((values, columns, at), (high - low, A.getSize()[1]))
     everything.destroy()
-    at = np.concatenate([[0], np.cumsum(np.concatenate(counts))]).astype(PETSc.IntType)
-    csr = at, np.concatenate(numbers), np.concatenate(values)
-    lean = PETSc.Mat().createAIJ(A.getSizes(), csr=csr, comm=A.comm)
+
+
+def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
+    """Copy of A without its stored zeros.
+
+    A consistent mass in DOLFINx's blocked pattern is two-thirds zeros.
+    """
+    most, kept = int(np.diff(A.getOwnershipRanges()).max()), []
+    for _, rows in row_pieces(A, max(-(-most // _CHUNKS), 1)):
+        rows.eliminate_zeros()
+        kept.append(rows)
+    whole = scipy.sparse.vstack(kept, format="csr")
+    pattern = (part.astype(PETSc.IntType) for part in (whole.indptr, whole.indices))
+    lean = PETSc.Mat().createAIJ(A.getSizes(), csr=(*pattern, whole.data), comm=A.comm)
     lean.assemble()
     return lean
 
