@@ -3,15 +3,17 @@
     python3 benchmarks/run.py [NAME ...] [--quick] [--write]
 
 Each row runs a script of this folder, which measures both sides in one run, and picks a number from
-its JSON. ``--quick`` takes small models, all rows in some minutes; its numbers are of these models.
-They go to ``benchmarks/results.json`` or ``quick.json`` with what the machine is and how busy it
-was; rows that are not run keep what they had. ``--write`` puts the table into ``docs/speed.md``.
-Needs nothing but Python itself where it is started.
+its JSON. All rows take an hour and a half and 20 GiB; ``--quick`` takes small models and some
+minutes, and its numbers are of these models. They go to ``benchmarks/results.json`` or
+``quick.json`` with what the machine is and how busy it was; rows that are not run keep what they
+had. ``--write`` puts the table into ``docs/speed.md`` and the times of the README's first command
+into ``README.md``. Needs nothing but Python itself where it is started.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import platform
 import re
@@ -26,11 +28,10 @@ from datetime import date
 from pathlib import Path
 from statistics import median
 
-from harness import ROOT, launcher, parser, run, threads
+from harness import ROOT, launcher, parser, run, threads, write
 
 HERE = Path(__file__).resolve().parent
-PAGE = ROOT / "docs" / "speed.md"
-TABLE = re.compile(r"(<!-- table: benchmarks/run.py -->\n).*?(?=<!-- end -->)", re.DOTALL)
+PAGES = {"table": ROOT / "docs" / "speed.md", "time": ROOT / "README.md"}
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Row:
     Attributes:
         what: What is compared with what.
         command: Script and arguments.
-        quick: The same for small models.
+        quick: The same for small models; empty where only large ones show something.
         number: Picks the number from the script's JSON.
         target: What is aimed at: ``>`` or ``<`` and a number.
         detail: Picks what the sizes and times were.
@@ -77,7 +78,24 @@ def _iterative_sides(found: dict) -> str:
     return f"{row['dofs']:,} DOFs, in {row['seconds']:.1f} times the time"
 
 
+def _growth(key: str, rows: str) -> Callable[[dict], float]:
+    """Most over least of a number of iterations over the sizes."""
+    return lambda found: max(row[key] for row in found[rows]) / min(row[key] for row in found[rows])
+
+
+def _listed(key: str, rows: str) -> Callable[[dict], str]:
+    """A number of each size."""
+    return lambda found: "; ".join(f"{row['dofs']:,} DOFs: {row[key]:.3g}" for row in found[rows])
+
+
+def _exponent(found: dict) -> float:
+    first, last = found["sizes"][0], found["sizes"][-1]
+    return math.log(last["wall"] / first["wall"]) / math.log(last["dofs"] / first["dofs"])
+
+
 MODAL, SMALL = "modal.py --runs 5", "modal.py --runs 1 --elements 30 12 2"
+SIZES = "contact.py --sizes"
+WITHOUT = "iterative.py --sizes 0.06 0.03 0.018 0.0105 --methods iterative --ranks 2"
 ROWS = {
     "modal": Row(
         "Twelve modes of lapped plates, whole processes: time of CalculiX over ours",
@@ -85,6 +103,15 @@ ROWS = {
         SMALL,
         lambda found: found["times_faster_wall"],
         "> 6",
+        _modal_sides("ccx", "CalculiX"),
+        enters=True,
+    ),
+    "modal_large": Row(
+        "The same on twice the degrees of freedom",
+        "modal.py --runs 1 --elements 86 34 4",
+        "",
+        lambda found: found["times_faster_wall"],
+        "> 8",
         _modal_sides("ccx", "CalculiX"),
         enters=True,
     ),
@@ -115,6 +142,33 @@ ROWS = {
         _contact_sides,
         enters=True,
     ),
+    "contact_growth": Row(
+        "Contact on two ranks: exponent of time over degrees of freedom",
+        SIZES,
+        "",
+        _exponent,
+        "< 1.3",
+        lambda found: _listed("wall", "sizes")(found) + " s",
+        enters=True,
+    ),
+    "contact_iterations": Row(
+        "Newton iterations of contact, most over least",
+        SIZES,
+        "",
+        _growth("iterations", "sizes"),
+        "< 1.3",
+        _listed("iterations", "sizes"),
+        enters=True,
+    ),
+    "contact_memory": Row(
+        "Memory of contact, GB for a million degrees of freedom, over 8",
+        SIZES,
+        "",
+        lambda found: found["sizes"][-1]["megabytes"] * 1e3 / found["sizes"][-1]["dofs"] / 8.0,
+        "< 1",
+        lambda found: _listed("megabytes", "sizes")(found) + " MB",
+        enters=True,
+    ),
     "multigrid": Row(
         "Ten modes by multigrid: memory of the solution over that of a factorisation",
         "iterative.py --sizes 0.03 --ranks 2",
@@ -122,6 +176,33 @@ ROWS = {
         lambda found: found["ratios"][-1]["solution_gib"],
         "< 0.33",
         _iterative_sides,
+        enters=True,
+    ),
+    "multigrid_iterations": Row(
+        "Iterations of modes without a factorisation, most over least",
+        WITHOUT,
+        "",
+        _growth("iterations", "runs"),
+        "< 1.3",
+        _listed("iterations", "runs"),
+        enters=True,
+    ),
+    "multigrid_memory": Row(
+        "Memory of modes of 5 million degrees of freedom, over 20 GiB",
+        WITHOUT,
+        "",
+        lambda found: found["runs"][-1]["process_gib"] / 20.0,
+        "< 1",
+        lambda found: _listed("process_gib", "runs")(found) + " GiB",
+        enters=True,
+    ),
+    "multigrid_time": Row(
+        "Time of the same, over 40 minutes",
+        WITHOUT,
+        "",
+        lambda found: found["runs"][-1]["wall_seconds"] / 2400.0,
+        "< 1",
+        lambda found: _listed("wall_seconds", "runs")(found) + " s",
         enters=True,
     ),
     "gradient": Row(
@@ -181,14 +262,32 @@ ROWS = {
         "> 50",
         lambda found: f"{found['transient']['interface_points']} points of the joint",
     ),
-    "diagnose": Row(
-        "`diagnose demos/lap_plates` with a kept model, eleven torques: processor seconds over 20",
+    "ranks": Row(
+        "`diagnose demos/lap_plates`, eleven torques: time on two ranks over one",
         "run.py --as diagnose",
-        "run.py --as diagnose",
-        lambda found: found["cpu"] / 20.0,
-        "< 1",
-        lambda found: f"{found['cpu']:.0f} s of processor, {found['wall']:.0f} s",
+        "",
+        lambda found: found["two"]["wall"] / found["one"]["wall"],
+        "< 0.6",
+        lambda found: (
+            f"{found['one']['wall']:.0f} s on one core and {found['two']['wall']:.0f} s on two"
+        ),
         enters=True,
+    ),
+    "diagnose": Row(
+        "The same with a kept model, on one rank: processor seconds over 20",
+        "run.py --as diagnose",
+        "",
+        lambda found: found["kept"]["cpu"] / 20.0,
+        "< 1",
+        lambda found: f"{found['kept']['cpu']:.0f} s of processor, {found['kept']['wall']:.0f} s",
+        enters=True,
+    ),
+    "start": Row(
+        "`fenics-joints --help`: seconds over 0.3",
+        "run.py --as start",
+        "run.py --as start",
+        lambda found: median(found["seconds"]) / 0.3,
+        "< 1",
     ),
 }
 MEETS = {"<": lambda a, b: a <= b, ">": lambda a, b: a >= b}
@@ -216,13 +315,23 @@ def _busy() -> float:
     return (user + nice + system + irq + softirq) / os.sysconf("SC_CLK_TCK")
 
 
-def diagnose(out: Path, given: str | None) -> None:
-    """Time a second diagnosis, which finds its model kept."""
+def diagnose(given: str | None) -> dict:
+    """Whole diagnoses: on one rank, which keeps its model, on two, and on one with it kept."""
     with tempfile.TemporaryDirectory() as folder:
-        words = ["fenics-joints", "diagnose", "demos/lap_plates", "--keep", folder]
-        for _ in range(2):
-            spent = run([*launcher(given), *words], ROOT, threads(1))
-    out.write_text(json.dumps(spent))
+        words = [*launcher(given), "fenics-joints", "diagnose", "demos/lap_plates"]
+        keep = [*words, "--keep", folder, "--ranks", "1"]
+        run(words, ROOT, {**threads(1), "FENICS_JOINTS_RANKS": "2"})  # compiles
+        sides = {"one": keep, "two": [*words, "--ranks", "2"], "kept": keep}
+        return {name: run(command, ROOT, threads(1)) for name, command in sides.items()}
+
+
+def start(given: str | None) -> dict:
+    """Ten starts of the command, from within FEniCSx' environment."""
+    command = ["fenics-joints", "--help"]
+    return {"seconds": [run(command, ROOT, threads(1))["wall"] for _ in range(10)]}
+
+
+ROLES = {"diagnose": diagnose, "start": start}
 
 
 def table(results: dict) -> str:
@@ -245,9 +354,12 @@ def machine() -> str:
     """What the machine is, in words."""
     names = re.findall(r"^model name\s*:\s*(.*)$", Path("/proc/cpuinfo").read_text(), re.M)
     name = names[0] if names else platform.machine()
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True
-    ).stdout.strip()
+    asks = ["git", "rev-parse", "--short", "HEAD"]
+    try:
+        said = subprocess.run(asks, cwd=ROOT, capture_output=True, text=True)
+        commit = said.stdout.strip()
+    except FileNotFoundError:
+        commit = "unknown: no git here"
     return f"{os.cpu_count()} cores ({name}), commit {commit}; other work in processors' loads"
 
 
@@ -257,12 +369,12 @@ def main() -> None:
     made.add_argument("--quick", action="store_true", help="small models, in some minutes")
     made.add_argument("--write", action="store_true", help="put the table into docs/speed.md")
     made.add_argument("--launcher", help="command that enters FEniCSx; '' for none")
-    made.add_argument("--as", dest="role", choices=["diagnose"], help="measure this alone")
+    made.add_argument("--as", dest="role", choices=ROLES, help="measure this alone")
     arguments = made.parse_args()
     if unknown := set(arguments.rows) - set(ROWS):
         made.error(f"no row {sorted(unknown)[0]!r}: expected {', '.join(ROWS)}")
     if arguments.role:
-        diagnose(arguments.json, arguments.launcher)
+        write(arguments.json, ROLES[arguments.role](arguments.launcher))
         return
     kept = HERE / ("quick.json" if arguments.quick else "results.json")
     results = json.loads(kept.read_text()) if kept.exists() else {"rows": {}}
@@ -271,6 +383,8 @@ def main() -> None:
     for name in arguments.rows or ROWS:
         row = ROWS[name]
         command = row.quick if arguments.quick else row.command
+        if not command:
+            continue
         if command not in done:
             print(f"{command} ...", flush=True)
             done[command] = measured(command, row.enters, arguments.launcher)
@@ -297,9 +411,17 @@ def main() -> None:
     if arguments.json:
         arguments.json.write_text(json.dumps(results, indent=2) + "\n")
     if arguments.write:
-        text = PAGE.read_text(encoding="utf-8")
-        shown = TABLE.sub(lambda old: f"{old[1]}\n{table(results)}\n", text)
-        PAGE.write_text(shown, encoding="utf-8")
+        put("table", f"\n{table(results)}\n")
+        if "ranks" in results["rows"]:
+            put("time", results["rows"]["ranks"]["detail"])
+
+
+def put(mark: str, text: str) -> None:
+    """Replace what stands in a page between a mark of this script and the next ``<!-- end -->``."""
+    page = PAGES[mark]
+    old = page.read_text(encoding="utf-8")
+    between = re.compile(rf"(<!-- {mark}: benchmarks/run.py -->\n?).*?(?=<!-- end -->)", re.DOTALL)
+    page.write_text(between.sub(lambda found: found[1] + text, old), encoding="utf-8")
 
 
 if __name__ == "__main__":
