@@ -337,30 +337,39 @@ ROLES = {"diagnose": diagnose, "start": start}
 def table(results: dict) -> str:
     """The table in Markdown."""
     text = "| what | measured | target | details | other work | on |\n|---|---|---|---|---|---|\n"
+    machines: list[str] = []
     for name, row in ROWS.items():
         found = results["rows"].get(name)
         if found is None:
             text += f"| {row.what} | not run | {row.target} | | | |\n"
             continue
+        if found["machine"] not in machines:
+            machines.append(found["machine"])
         missed = "" if found["meets"] else " (missed)"
         text += (
             f"| {row.what} | {found['number']:.3g}{missed} | {row.target} | {found['detail']} | "
-            f"{found['other_load']:.1f} | {found['date']} |\n"
+            f"{found['other_load']:.1f} | {found['date']}, {found['commit']}, "
+            f"machine {machines.index(found['machine']) + 1} |\n"
         )
-    return f"{text}\n{results['machine']}.\n"
+    named = "; ".join(f"machine {i}: {name}" for i, name in enumerate(machines, 1))
+    return f"{text}\nOther work in processors' loads. {named[:1].upper()}{named[1:]}.\n"
 
 
 def machine() -> str:
     """What the machine is, in words."""
-    names = re.findall(r"^model name\s*:\s*(.*)$", Path("/proc/cpuinfo").read_text(), re.M)
-    name = names[0] if names else platform.machine()
+    text = Path("/proc/cpuinfo").read_text()
+    said = [re.findall(rf"^{key}\s*:\s*(.*)$", text, re.M) for key in ("model name", "cpu family")]
+    name, family = (each[0] if each else platform.machine() for each in said)
+    return f"{os.cpu_count()} cores, {name} (family {family})"
+
+
+def commit() -> str:
+    """The commit that is measured."""
     asks = ["git", "rev-parse", "--short", "HEAD"]
     try:
-        said = subprocess.run(asks, cwd=ROOT, capture_output=True, text=True)
-        commit = said.stdout.strip()
+        return subprocess.run(asks, cwd=ROOT, capture_output=True, text=True).stdout.strip()
     except FileNotFoundError:
-        commit = "unknown: no git here"
-    return f"{os.cpu_count()} cores ({name}), commit {commit}; other work in processors' loads"
+        return "unknown commit"
 
 
 def main() -> None:
@@ -378,7 +387,6 @@ def main() -> None:
         return
     kept = HERE / ("quick.json" if arguments.quick else "results.json")
     results = json.loads(kept.read_text()) if kept.exists() else {"rows": {}}
-    results["machine"] = machine()
     done: dict[str, dict] = {}
     for name in arguments.rows or ROWS:
         row = ROWS[name]
@@ -403,6 +411,8 @@ def main() -> None:
             "seconds": round(one["seconds"], 1),
             "other_load": one["other_load"],
             "date": date.today().isoformat(),
+            "commit": commit(),
+            "machine": machine(),
             "command": command,
         }
         kept.write_text(json.dumps(results, indent=2) + "\n")
