@@ -14,45 +14,20 @@ def main() -> None:
     sys.path[:] = json.loads(sys.argv[1])
     sys.path.insert(0, sys.argv[4])
     import numpy as np
-    from gmsh_child import limit_memory
+    from gmsh_child import limited
 
-    limit_memory(int(sys.argv[2]))
-    try:
+    with limited(int(sys.argv[2])):
         read = by_ansys if sys.argv[3].endswith(".cdb") else by_meshlane
         head, arrays = read(sys.argv[3], np)
         np.savez("mesh.npz", head=np.frombuffer(json.dumps(head).encode(), np.uint8), **arrays)
-    except Exception as error:
-        text = "it takes too much memory" if isinstance(error, MemoryError) else str(error)
-        with open("error.txt", "w", encoding="utf-8") as file:
-            file.write(text or type(error).__name__)
 
 
 #: Numbers of ANSYS' solid elements.
-_ANSYS = {
-    5,
-    45,
-    62,
-    64,
-    65,
-    69,
-    70,
-    73,
-    87,
-    90,
-    92,
-    95,
-    96,
-    97,
-    98,
-    117,
-    122,
-    123,
-    148,
-    185,
-    186,
-    187,
-}
-_ANSYS |= {190, 226, 227, 231, 232, 236, 237, 239, 240, 278, 279, 285}
+_NUMBERS = (
+    "5 45 62 64 65 69 70 73 87 90 92 95 96 97 98 117 122 123 148 185 186 187 190 226 227 231 "
+    "232 236 237 239 240 278 279 285"
+)
+_ANSYS = set(map(int, _NUMBERS.split()))
 
 
 def by_ansys(path: str, np):

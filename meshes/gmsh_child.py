@@ -18,17 +18,12 @@ def main() -> None:
 
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
-    limit_memory(int(sys.argv[2]))
-    try:
+    with limited(int(sys.argv[2])):
         if sys.argv[3] in ("mesh.msh", "mesh.unv"):
             gmsh.merge(sys.argv[3])
             np.savez("mesh.npz", **_content(gmsh.model, np))
         else:
             _look_at(gmsh, sys.argv[3])
-    except Exception as error:
-        text = "it takes too much memory" if isinstance(error, MemoryError) else str(error)
-        with open("error.txt", "w", encoding="utf-8") as file:
-            file.write(text)
 
 
 def _look_at(gmsh, path: str) -> None:
@@ -43,8 +38,19 @@ def _look_at(gmsh, path: str) -> None:
             model.getBoundingBox(dim - 1, face)
 
 
-def limit_memory(most: int) -> None:
-    """Limit this process's memory, bytes."""
+@contextlib.contextmanager
+def limited(most: int):
+    """Work with this much memory, bytes, at most; why it fails goes to ``error.txt``."""
+    _limit_memory(most)
+    try:
+        yield
+    except Exception as error:
+        text = "it takes too much memory" if isinstance(error, MemoryError) else str(error)
+        with open("error.txt", "w", encoding="utf-8") as file:
+            file.write(text or type(error).__name__)
+
+
+def _limit_memory(most: int) -> None:
     try:
         import resource
     except ImportError:  # Windows

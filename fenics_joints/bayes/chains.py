@@ -67,10 +67,10 @@ class Chains:
                 )
         return found
 
-    def shortly(self, most: int = 3) -> str:
-        """The first few problems, and how many more there are."""
-        more = len(self.problems) - most
-        return "; ".join(self.problems[:most]) + (f"; and {more} more" if more > 0 else "")
+    def shortly(self) -> str:
+        """The first three problems, and how many more there are."""
+        more = len(self.problems) - 3
+        return "; ".join(self.problems[:3]) + (f"; and {more} more" if more > 0 else "")
 
     @property
     def converged(self) -> bool:

@@ -189,9 +189,9 @@ def sweep(
         from fenics_joints.database import sweep as run_sweep
         from fenics_joints.machine import form_cache
         from fenics_joints.parallel import on_root
-        from fenics_joints.progress import Progress
+        from fenics_joints.progress import Progress, compiling
 
-        form_cache.install()
+        form_cache.install(compiling)
         comm = MPI.COMM_WORLD
         rough = [None] if roughness is None else _list("roughness", roughness)
         samples = grid(bolt, _list("force", force), _list("thickness", thickness), rough)

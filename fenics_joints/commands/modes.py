@@ -562,10 +562,9 @@ def _parts(model) -> tuple[list[str], np.ndarray] | None:
     structure = model.structure if isinstance(model, LinearJoint) else model
     if not isinstance(structure, Structure):
         return None
-    regions = structure.comm.gather(structure.cell_regions())
-    if regions is None:
+    number = structure.cell_regions()
+    if number is None:
         return None
-    number = np.concatenate(regions)
     there, level = np.unique(number, return_inverse=True)
     names = [structure.regions[k].name if k >= 0 else "rest" for k in there]
     return (names, level) if len(names) > 1 else None

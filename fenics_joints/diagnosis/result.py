@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import asdict, dataclass, field
 from textwrap import shorten
-from typing import Any
 
 import numpy as np
 
@@ -209,8 +209,8 @@ class Diagnosis:
         there = self.scales is not None and self.scales.kind == kind
         return self.scales.values if there else None
 
-    def table(self, of: str = "effects") -> Any:
-        """The effects, or the fitted parameters of every hypothesis, as a table.
+    def to_dataframe(self, of: str = "effects"):
+        """The effects, or the fitted parameters of every hypothesis, as a ``pandas.DataFrame``.
 
         Args:
             of: ``effects``: rows with name, region, probability (0 to 1, of all hypotheses with
@@ -219,38 +219,23 @@ class Diagnosis:
                 its probability, and effect, name, value, low, high (a standard deviation either
                 way), unit, nuisance and prior_sigmas, the most probable hypothesis first.
 
-        Returns:
-            A ``pandas.DataFrame`` where pandas is installed, else a list of dictionaries, one for
-            each row.
-
-        Raises:
-            InputError: If ``of`` is something else.
-        """
-        rows = self._rows(of)
-        try:
-            from pandas import DataFrame
-        except ImportError:
-            return rows
-        return DataFrame(rows)
-
-    def _rows(self, of: str) -> list[dict]:
-        member("of", of, ("effects", "parameters"))
-        if of == "effects":
-            return [_effect(e) for e in self.effects]
-        return [
-            {"hypothesis": h.label, "probability": h.probability, **row}
-            for h in self.hypotheses
-            for row in h.parameters
-        ]
-
-    def to_dataframe(self, of: str = "effects"):
-        """`table` as a ``pandas.DataFrame``.
-
         Raises:
             InputError: If ``of`` is something else, or pandas is not installed.
         """
-        rows = list(map(dict, self._rows(of)))
+        member("of", of, ("effects", "parameters"))
+        rows = [_effect(e) for e in self.effects]
+        if of == "parameters":
+            rows = [
+                {"hypothesis": h.label, "probability": h.probability, **row}
+                for h in self.hypotheses
+                for row in h.parameters
+            ]
         return dataframe({key: [row[key] for row in rows] for key in (rows[0] if rows else ())})
+
+    def table(self, of: str = "effects"):
+        """Deprecated: `to_dataframe` under its first name."""
+        warnings.warn("Diagnosis.table is now to_dataframe", DeprecationWarning, stacklevel=2)
+        return self.to_dataframe(of)
 
     @property
     def classes(self) -> list[tuple[str, float, tuple[EffectResult, ...]]]:

@@ -13,7 +13,7 @@ import numpy as np
 from fenics_joints.errors import InputError, JointsError
 from fenics_joints.joint_laws.law import JointLaw, is_rated
 from fenics_joints.joint_laws.source import law_source
-from fenics_joints.structure.compiled import compiled
+from fenics_joints.machine.c_code import compiled
 
 _DECLARATIONS = """
 int law_step(int P, int E, const double *e, const double *s, const double *p, double *f,

@@ -42,20 +42,17 @@ _DAMAGED = (ImportError, OSError, TimeoutError)
 
 #: Folders of the forms that this process could not put into the cache.
 _own: dict[str, Path] = {}
+#: See `install`.
+_told: list[Callable[[], None]] = []
 
 
-#: Called before a form is compiled.
-_tell: Callable[[], None] | None = None
-
-
-def install(tell: Callable[[], None] | None = None) -> None:
+def install(*told: Callable[[], None]) -> None:
     """Let DOLFINx take compiled forms from here, in this process; again does nothing.
 
     Args:
-        tell: Called before each form that is compiled, since it was not kept.
+        told: Called before forms or C code are compiled that were not kept.
     """
-    global _tell
-    _tell = tell or _tell
+    _told.extend(told)
     decorated = dolfinx.jit.ffcx_jit
     if getattr(decorated, "whole_folders", False):
         return
@@ -81,6 +78,12 @@ def install(tell: Callable[[], None] | None = None) -> None:
 
     dolfinx.jit.ffcx_jit = dolfinx.jit.mpi_jit_decorator(cached)
     dolfinx.jit.ffcx_jit.whole_folders = True
+
+
+def tell() -> None:
+    """Call what was given to `install`."""
+    for call in _told:
+        call()
 
 
 def _key(ufl_object, form_compiler_options, options: dict) -> str:
@@ -111,8 +114,7 @@ def _made(key: str, cache: Path, at: Callable[[Path], tuple]) -> tuple:
     with _locked(cache / f"{key}.lock"):
         if folder.is_dir():  # made while we waited
             return at(folder)
-        if _tell is not None:
-            _tell()
+        tell()
         _sweep(cache)
         scratch = Path(tempfile.mkdtemp(prefix=".", dir=cache))
         try:

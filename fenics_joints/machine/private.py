@@ -47,10 +47,10 @@ def cache_folder(path: Path) -> Path:
     with suppress(OSError):
         own = Path(tempfile.gettempdir()) / f"fenics_joints_{os.geteuid()}" / path.name
         folder = private_folder(own)
-        log.info("%s: is not used (%s); compiled forms and laws are in %s", path, reason, folder)
+        log.info("%s: is not used (%s); compiled code is in %s", path, reason, folder)
         return folder
     log.warning(
-        "%s: compiled forms and laws cannot be kept there (%s); every run compiles them anew. "
+        "%s: compiled code cannot be kept there (%s); every run compiles it anew. "
         "Set XDG_CACHE_HOME to a folder that you and nobody else can write to",
         path,
         reason,

@@ -126,9 +126,9 @@ def _root(covariance: np.ndarray) -> np.ndarray:
     return vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
 
 
-def smooth(values: np.ndarray, lines: int = _WINDOW) -> np.ndarray:
+def smooth(values: np.ndarray) -> np.ndarray:
     """Mean over neighbouring lines, along the first axis; the window shrinks at the ends."""
-    n, half = len(values), lines // 2
+    n, half = len(values), _WINDOW // 2
     total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
     at = np.arange(n)
     low, high = np.maximum(at - half, 0), np.minimum(at + half + 1, n)
@@ -238,15 +238,15 @@ def free_residues(functions: FRFColumns, poles: np.ndarray) -> tuple[np.ndarray,
     return rest[:n] + 1j * rest[n:], (x[:m] + 1j * x[m : 2 * m]).T
 
 
-def rank_one(functions: FRFColumns, residues: np.ndarray, weights=None) -> np.ndarray:
+def rank_one(functions: FRFColumns, residues: np.ndarray) -> np.ndarray:
     """References from residues, (K, m): from a chain of the strongest, then by least squares."""
     if functions.shape[1] == 1:
         return np.ones((1, residues.shape[1]), dtype=complex)
-    there = functions.matrix(np.ones(len(residues)) if weights is None else weights)
+    there = functions.matrix(np.ones(len(residues)))
     found = np.empty((functions.shape[1], residues.shape[1]), dtype=complex)
     for r, mode in enumerate(residues.T):
         A = functions.matrix(mode)
-        b = _chained(A * np.sqrt(there), there > 0) if (there > 0).any() else np.ones(len(found))
+        b = _chained(A, there > 0)
         for _ in range(50):
             a = _solve(there, A, b)
             b, before = _solve(there.T, A.T, a), b

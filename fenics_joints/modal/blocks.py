@@ -15,7 +15,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy import sparse
 
-from fenics_joints.structure.compiled import compiled
+from fenics_joints.machine.c_code import compiled
 from fenics_joints.structure.sparse import row_pieces
 
 #: Columns of a block.

@@ -249,10 +249,7 @@ def residual_directions(gram: np.ndarray, n: int, share: float) -> np.ndarray:
 
 
 def pod(
-    model: ArrayModel,
-    snapshots: np.ndarray,
-    weights: np.ndarray | None = None,
-    given: Mapping[str, float] | None = None,
+    model: ArrayModel, snapshots: np.ndarray, weights: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vectors that hold most of the snapshots' energy, best first.
 
@@ -260,12 +257,12 @@ def pod(
         model: The model that the snapshots are of.
         snapshots: As columns, shape (n_dofs, n).
         weights: Of the snapshots, shape (n,); equal by default.
-        given: Parameter values whose K + omega^2 M measures the energy; nominal by default.
 
     Returns:
-        Vectors orthonormal in that energy, (n_dofs, k), and their singular values, (k,).
+        Vectors orthonormal in the energy of K + omega^2 M at nominal values, (n_dofs, k), and their
+        singular values, (k,).
     """
-    K, M = model.stiffness(given), model.mass(given)
+    K, M = model.stiffness(), model.mass()
     upper = np.linalg.cholesky(K + np.trace(K) / np.trace(M) * M).T
     energetic = upper @ snapshots
     energetic *= (1.0 if weights is None else weights) / np.linalg.norm(energetic, axis=0)

@@ -33,7 +33,7 @@ OUTLINES = (
 _BOLT = {"marker": "o", "mfc": "#ffffff", "mec": "#14181d", "ls": (0, (4, 3))}
 
 
-def patch_map(cells: PatchMap, name: str = "patches") -> str:
+def patch_map(cells: PatchMap) -> str:
     """The structure taken apart, seen at an angle, its patches coloured by what they explain.
 
     Patches that explain more than chance are outlined, heavily where no more than chance is left;
@@ -41,7 +41,6 @@ def patch_map(cells: PatchMap, name: str = "patches") -> str:
 
     Args:
         cells: The patches; on rank 0, where they have their cells.
-        name: Unique in the page.
 
     Raises:
         InputError: If cells have a shape that the suite does not use, or are on another rank.
@@ -70,7 +69,7 @@ def patch_map(cells: PatchMap, name: str = "patches") -> str:
         figure.set_size_inches(7.6, min(max(tall, 1.2), 6.0) + 1.3)
         patch_bar(figure, axes, norm)
         patch_legend(figure, cells)
-        return to_svg(figure, name, patches_alt(cells))
+        return to_svg(figure, "patches", patches_alt(cells))
 
 
 def _patch_level(axes, x: np.ndarray, cells: PatchMap, members: np.ndarray, colour_of) -> None:

@@ -60,10 +60,10 @@ def length_factor(text: str) -> float:
     return factor_to_si(text, "m")
 
 
-def checked_kind(kind: str, what: str = "kind") -> str:
+def checked_kind(kind: str) -> str:
     """The kind if it is one; raises InputError if not."""
     if not isinstance(kind, str) or kind not in KINDS:
-        raise InputError(f"{what} = {kind!r}: expected one of {', '.join(map(repr, KINDS))}")
+        raise InputError(f"kind = {kind!r}: expected one of {', '.join(map(repr, KINDS))}")
     return kind
 
 

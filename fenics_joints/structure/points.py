@@ -94,16 +94,15 @@ def nearest(msh, points: np.ndarray, among: np.ndarray | None = None) -> Nearest
     return Nearest(owner, np.where(mine, cells, -1), places, least, reach)
 
 
-def round_bolts(tagged: TaggedMesh, points: np.ndarray, n: int = 8) -> list[np.ndarray | None]:
+def round_bolts(tagged: TaggedMesh, points: np.ndarray) -> list[np.ndarray | None]:
     """Places on the ring around the empty bolt hole in which a point lies. Collective.
 
     Args:
         tagged: A mesh.
         points: m, shape (n_points, 3).
-        n: Number of places.
 
     Returns:
-        For each point the places, halfway through the ring, m, shape (n, 3), with their mean on
+        For each point the places, halfway through the ring, m, shape (8, 3), with their mean on
         the bolt's axis; None for a point in the mesh or outside of all bolt holes.
     """
     found: list[np.ndarray | None] = [None] * len(points)
@@ -116,7 +115,7 @@ def round_bolts(tagged: TaggedMesh, points: np.ndarray, n: int = 8) -> list[np.n
         except MeshError:  # no flat ring
             continue
         across = np.linalg.svd(ring.normal[None])[2][1:]
-        turn = 2 * np.pi * (np.arange(n)[:, None] + 0.5) / n
+        turn = 2 * np.pi * (np.arange(8)[:, None] + 0.5) / 8
         way = np.cos(turn) * across[0] + np.sin(turn) * across[1]
         for i in np.flatnonzero(empty):
             along = (points[i] - ring.centre) @ ring.normal

@@ -456,18 +456,22 @@ class Structure(Assembly):
             InputError: If pyvista is not installed: ``pip install 'fenics-joints[view]'``.
         """
         pyvista()
-        parts, (corners, _) = self.comm.gather(self.cell_regions()), self.corner_motion([])
-        if parts is None:
+        region, (corners, _) = self.cell_regions(), self.corner_motion([])
+        if region is None:
             return None
         tdim = self.mesh.topology.dim
-        return cell_grid(corners, tdim, cells={"region": np.concatenate(parts)})
+        return cell_grid(corners, tdim, cells={"region": region})
 
-    def cell_regions(self) -> np.ndarray:
-        """Place in `regions` of each cell that this rank owns."""
+    def cell_regions(self) -> np.ndarray | None:
+        """Place in `regions`, or -1, of each cell of `corner_motion`; None on ranks other than 0.
+
+        Collective.
+        """
         region = np.full(self.mesh.topology.index_map(self.mesh.topology.dim).size_local, -1)
         for i, (_, cells) in enumerate(self.field.regions):
             region[cells[cells < len(region)]] = i
-        return region
+        every = self.comm.gather(region)
+        return None if every is None else np.concatenate(every)
 
     def corner_motion(self, vectors: Sequence[PETSc.Vec]) -> tuple[np.ndarray, np.ndarray]:
         """Corners of all cells and how they move. Collective.

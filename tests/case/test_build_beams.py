@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from case_tables import write_table
 from mpi4py import MPI
+from virtual_beams import DEMO, written
 
 from fenics_joints.case import build_structure, load_case, model_damping
 from fenics_joints.commands.harmonic.run import run_harmonic
@@ -18,21 +17,6 @@ from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.structure import Sensors
-
-DEMO = Path(__file__).parents[2] / "demos" / "bolted_beams"
-
-
-def written(folder: Path, changes: dict[str, str], more: str = "") -> Path:
-    """The demo's case with changes, in a folder of its own."""
-    text = (DEMO / "case.toml").read_text(encoding="utf-8")
-    for old, new in changes.items():
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
-    for name in ("frequencies.csv", "specimens_simulated.csv"):
-        text = text.replace(f'"{name}"', f"'{DEMO / name}'")
-    path = folder / "case.toml"
-    path.write_text(text + more, encoding="utf-8")
-    return path
 
 
 @pytest.mark.parallel

@@ -5,13 +5,13 @@ from __future__ import annotations
 import io
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 from rich.console import Console
 from typer.testing import CliRunner
+from virtual_beams import DEMO, written
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.cli import app
@@ -25,21 +25,7 @@ from fenics_joints.reduction import ModalPrediction
 
 pytest.importorskip("arviz")
 
-DEMO = Path(__file__).parents[2] / "demos" / "bolted_beams"
 SPECIMENS = 'specimens = "specimens_simulated.csv"'
-
-
-def written(folder: Path, changes: dict[str, str]) -> Path:
-    """The demo's case with changes, in a folder of its own."""
-    text = (DEMO / "case.toml").read_text(encoding="utf-8")
-    for old, new in changes.items():
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
-    for name in ("frequencies.csv", "specimens_simulated.csv"):
-        text = text.replace(f'"{name}"', f"'{DEMO / name}'")
-    path = folder / "case.toml"
-    path.write_text(text, encoding="utf-8")
-    return path
 
 
 @pytest.mark.parallel

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 from dataclasses import replace
 
 import numpy as np
@@ -97,7 +96,7 @@ def film(values, theta, torque):
         values[name] = 1 / (1 / values[name] + 1 / series)
 
 
-def test_effects_are_all_that_is_weighed(monkeypatch):
+def test_effects_are_all_that_is_weighed():
     """An effect of one's own alone, and its parameter as it was put in; in a table."""
     k = Prior("k", 1e12, 3.0, "Pa/m")
     own = Effect("film", "lap", (k,), film, depends_on_condition=True)
@@ -106,23 +105,14 @@ def test_effects_are_all_that_is_weighed(monkeypatch):
     assert any("no bolts of near, away are known" in note for note in found.model["notes"])
     assert {e.name for e in found.effects} == {"film", "none of these", "no gap"}
     assert found.verdict == "cause" and found.effects[0].name == "film"
-    table = pytest.importorskip("pandas").DataFrame
-    effects, fitted = found.table(), found.table("parameters")
-    assert isinstance(effects, table) and list(effects["name"]) == [e.name for e in found.effects]
+    pytest.importorskip("pandas")
+    effects, fitted = found.to_dataframe(), found.to_dataframe("parameters")
+    assert list(effects["name"]) == [e.name for e in found.effects]
     fitted = fitted[(fitted["hypothesis"] == "film") & (fitted["name"] == "k")]
     (row,) = fitted.to_dict("records")
     sd = 0.5 * np.log(row["high"] / row["low"])
     assert abs(np.log(row["value"] / 3e11)) < 2 * sd < 1.0 and row["unit"] == "Pa/m"
-
-    def without(name, *args):
-        if name == "pandas":
-            raise ImportError(name)
-        return imported(name, *args)
-
-    imported = builtins.__import__
-    monkeypatch.setattr(builtins, "__import__", without)
-    rows = found.table()
-    assert rows[0] == {
+    assert effects.to_dict("records")[0] == {
         "name": "film",
         "region": "lap",
         "probability": found.effects[0].probability,
@@ -131,7 +121,7 @@ def test_effects_are_all_that_is_weighed(monkeypatch):
         "odds": 1.0,
     }
     with pytest.raises(InputError, match="effects, parameters"):
-        found.table("causes")
+        found.to_dataframe("causes")
 
 
 def all_kinds(comm) -> Structure:

@@ -6,42 +6,9 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-LAYER = """
-title = "Small lap beam"
-[mesh]
-builder = "lap_beam"
-layer = "0.06 mm"
-n_length = 4
-n_lap = 4
-n_width = 2
-[parts.beams]
-cells = ["beam_1", "beam_2"]
-E = "207 GPa"
-nu = 0.3
-rho = "7800 kg/m3"
-[joints.lap]
-cells = ["joint"]
-E = "5 MPa"
-G = "1.7 MPa"
-[supports.clamp]
-facets = "clamp"
-[nonlinear.lap]
-law = "richard_abbott"
-stress = "equivalent"
-thickness = "6 mm"
-E_p = "100 kPa"
-S_y = "500 kPa"
-n = 2.5
-[harmonic]
-force = { point = ["100 mm", "0 mm", "-6 mm"], direction = [0, 0, 1] }
-sensor = { point = ["410 mm", "0 mm", "6 mm"], direction = [0, 0, 1] }
-levels = ["0.01 N", "10 N"]
-band = ["25 Hz", "31 Hz"]
-damping = "1 %"
-harmonics = 3
-samples = 64
-measured = "frf.csv"
-"""
+#: The case of the notebook, which a script runs; with measured curves.
+_NOTEBOOK = Path(__file__).resolve().parents[2] / "docs" / "notebooks" / "harmonic.py"
+LAYER = _NOTEBOOK.read_text(encoding="utf-8").split('"""')[1] + 'measured = "frf.csv"\n'
 CURVES = "level [N],frequency [Hz],amplitude [m/s2]\n10,27,40\n10,27.8,90\n10,29,50\n"
 
 CONTACT = (

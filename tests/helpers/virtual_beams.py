@@ -1,6 +1,23 @@
-"""The case of two overlapping steel beams with a generic joint (Jalali et al. 2019)."""
+"""Cases of two overlapping steel beams with a generic joint (Jalali et al. 2019)."""
 
 from __future__ import annotations
+
+from pathlib import Path
+
+DEMO = Path(__file__).resolve().parents[2] / "demos" / "bolted_beams"
+
+
+def written(folder: Path, changes: dict[str, str], more: str = "") -> Path:
+    """The demo's case with changes, in a folder of its own."""
+    text = (DEMO / "case.toml").read_text(encoding="utf-8")
+    for old, new in changes.items():
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    for name in ("frequencies.csv", "specimens_simulated.csv"):
+        text = text.replace(f'"{name}"', f"'{DEMO / name}'")
+    path = folder / "case.toml"
+    path.write_text(text + more, encoding="utf-8")
+    return path
 
 
 def beams(

@@ -19,12 +19,11 @@ _STATED = "#b9d4ea"
 _LONGEST = 1.0
 
 
-def forecasts(s: Shrinkage, name: str = "forecasts") -> str:
+def forecasts(s: Shrinkage) -> str:
     """Errors on held-out data, fold by fold: as stated before they were looked at, and as found.
 
     Args:
         s: The folds.
-        name: Unique in the page.
     """
     with drawing(7.6, 0.36 * len(s.folds) + 1.2) as figure:
         axes = figure.subplots()
@@ -43,7 +42,7 @@ def forecasts(s: Shrinkage, name: str = "forecasts") -> str:
         axes.invert_yaxis()
         _axis(axes, s)
         figure.legend(handles=_legend(), loc="outside upper left", ncols=3)
-        return to_svg(figure, name, _in_words(s))
+        return to_svg(figure, "forecasts", _in_words(s))
 
 
 def _axis(axes, s: Shrinkage) -> None:

@@ -69,12 +69,11 @@ def peak_shapes(r: HarmonicReport) -> PeakShapes | None:
     for vector in vectors:
         vector.destroy()
     bodies, _ = body_numbers(structure.V)
-    region = structure.cell_regions()
-    body = structure.comm.gather(bodies[structure.V.dofmap.list[: len(region), 0]])
-    regions = structure.comm.gather(region)
-    if regions is None:
+    own = structure.mesh.topology.index_map(structure.mesh.topology.dim).size_local
+    body = structure.comm.gather(bodies[structure.V.dofmap.list[:own, 0]])
+    number = structure.cell_regions()
+    if number is None:
         return None
-    number = np.concatenate(regions)
     label = np.concatenate(body) * (number.max() + 1) + number
     piece = geometry.pieces_of(geometry.vertex_ids(vertices), label)
     names = [found.name for found in structure.regions]

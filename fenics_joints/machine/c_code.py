@@ -12,10 +12,9 @@ from pathlib import Path
 
 import cffi
 
-from fenics_joints.errors import JointsError
+from fenics_joints.machine import form_cache
 from fenics_joints.machine.imports import without_local_settings
 from fenics_joints.machine.private import cache_folder
-from fenics_joints.progress import compiling
 
 # Without traps both sides of a conditional may be computed, and so elements side by side.
 _FLAGS = ["-O3", "-fno-math-errno", "-fno-trapping-math"]
@@ -31,13 +30,14 @@ def compiled(source: str, declarations: str, what: str):
         what: Begins the file's name.
 
     Raises:
-        JointsError: It could not be compiled, or written.
+        cffi.VerificationError: It could not be compiled.
+        OSError: It could not be written.
     """
     flags, cpu = _machine()
     text = "".join([source, declarations, *flags, cpu, sys.version, cffi.__version__])
     name = f"{what}_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    folder = cache_folder(Path(root) / "fenics_joints" / "laws")
+    folder = cache_folder(Path(root) / "fenics_joints" / "c_code")
     found = list(folder.glob(f"{name}.*"))
     return _load(name, found[0] if found else _build(name, source, declarations, folder, flags))
 
@@ -51,24 +51,14 @@ def _machine() -> tuple[list[str], str]:
 
 
 def _build(name: str, source: str, declarations: str, folder: Path, flags: list[str]) -> Path:
-    compiling()
+    form_cache.tell()
     ffi = cffi.FFI()
     ffi.cdef(declarations)
     ffi.set_source(name, source, extra_compile_args=flags)
-    try:
-        with tempfile.TemporaryDirectory(dir=folder) as scratch, without_local_settings():
-            built = Path(ffi.compile(tmpdir=scratch))
-            # Whole or not there, whoever else compiles the same code at this moment.
-            final = folder / built.name
-            os.replace(built, final)
-    except cffi.VerificationError as error:
-        raise JointsError(f"C code could not be compiled: {error}") from error
-    except OSError as error:
-        raise JointsError(
-            f"{folder}: compiled C code cannot be written there ({error.strerror}); expected "
-            "a folder to write to, or set XDG_CACHE_HOME to one"
-        ) from error
-    return final
+    with tempfile.TemporaryDirectory(dir=folder) as scratch, without_local_settings():
+        built = Path(ffi.compile(tmpdir=scratch))
+        # Whole or not there, whoever else compiles the same code at this moment.
+        return built.replace(folder / built.name)
 
 
 def _load(name: str, path: Path):
