@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import importlib.util
 import os
@@ -30,8 +31,7 @@ def compiled(source: str, declarations: str, what: str):
         what: Begins the file's name.
 
     Raises:
-        cffi.VerificationError: It could not be compiled.
-        OSError: It could not be written.
+        OSError: It could not be compiled, or written.
     """
     flags, cpu = _machine()
     text = "".join([source, declarations, *flags, cpu, sys.version, cffi.__version__])
@@ -56,7 +56,11 @@ def _build(name: str, source: str, declarations: str, folder: Path, flags: list[
     ffi.cdef(declarations)
     ffi.set_source(name, source, extra_compile_args=flags)
     with tempfile.TemporaryDirectory(dir=folder) as scratch, without_local_settings():
-        built = Path(ffi.compile(tmpdir=scratch))
+        try:
+            built = Path(ffi.compile(tmpdir=scratch))
+        except cffi.VerificationError as error:
+            said = f"cannot be compiled, expected a C compiler: {error}"
+            raise OSError(errno.ENOEXEC, said, f"{name}.c") from error
         # Whole or not there, whoever else compiles the same code at this moment.
         return built.replace(folder / built.name)
 
