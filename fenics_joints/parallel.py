@@ -55,7 +55,7 @@ def on_root(comm: MPI.Intracomm, build: Callable[[], T]) -> T | None:
     return result
 
 
-def together(comm: MPI.Intracomm, work: Callable[[], T]) -> T:
+def fail_alike(comm: MPI.Intracomm, work: Callable[[], T]) -> T:
     """What ``work`` returns on this rank; if it raises on any rank, raise on all. Collective.
 
     Args:
@@ -98,7 +98,7 @@ def spread(
         unpack: Makes it a result again, with the task.
 
     Raises:
-        JointsError: See `together`.
+        JointsError: See `fail_alike`.
     """
     if comm.size == 1:
         return [work(task) for task in tasks]
@@ -107,7 +107,7 @@ def spread(
         results = ((i, work(tasks[i])) for i in range(comm.rank, len(tasks), comm.size))
         return {i: r if pack is None else pack(r) for i, r in results}
 
-    found = {i: r for part in comm.allgather(together(comm, own)) for i, r in part.items()}
+    found = {i: r for part in comm.allgather(fail_alike(comm, own)) for i, r in part.items()}
     ordered = [found[i] for i in range(len(tasks))]
     if unpack is None:
         return ordered

@@ -17,7 +17,7 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.machine.memory import give_back
 from fenics_joints.measurements.gap import TooFewModes, largest_difference
 from fenics_joints.modal.modes import SHIFT_SHARE, Modes, eigen_solver, refine_modes, solve_modes
-from fenics_joints.parallel import together
+from fenics_joints.parallel import fail_alike
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.arrays import ArrayModel, trimmed
 from fenics_joints.reduction.basis import (
@@ -307,7 +307,7 @@ class ReducedModel(MatchedModes):
     def _reduce(self) -> ArrayModel:
         """The reduced model on the modes at the samples."""
         if isinstance(self.full, Structure):
-            self.full.settle()
+            self.full.assemble_samples()
         whole, taken = None, 0
         while taken < len(self.samples):
             sampled = SampledBasis(self.lacking, self._basis, whole)
@@ -330,10 +330,10 @@ class ReducedModel(MatchedModes):
             own = solve_modes(whole, points[here], n_modes=min(2 * n, whole.n_dofs))
             return self._near(points[here], own.shapes)
 
-        modes = together(self.ranks, solved)
+        modes = fail_alike(self.ranks, solved)
         for rank in range(len(points)):
             # All modes, also if no file is kept, so that both give the same numbers.
-            lacked = together(
+            lacked = fail_alike(
                 self.ranks,
                 lambda rank=rank: sampled.lacked(modes, range(n), True) if rank == here else None,
             )

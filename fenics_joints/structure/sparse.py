@@ -397,7 +397,7 @@ class SummedMatrices:
             found[np.searchsorted(self._keys, _keys(*pattern, self.assembly.n_dofs))] += entries
         return self._as_matrix(found, which)
 
-    def settle(self) -> None:
+    def assemble_samples(self) -> None:
         """Assemble all samples, so that no later matrix depends on what was asked for before it, to
         the last bit. Collective."""
         if self.assembly.n_dofs > _MOST:
