@@ -55,6 +55,32 @@ def on_root(comm: MPI.Intracomm, build: Callable[[], T]) -> T | None:
     return result
 
 
+def fail_alike(comm: MPI.Intracomm, work: Callable[[], T]) -> T:
+    """What ``work`` returns on this rank; if it raises on any rank, raise on all. Collective.
+
+    Args:
+        comm: Communicator.
+        work: Function without arguments, and without communication.
+
+    Raises:
+        JointsError: What it raised, on all ranks; RuntimeError for any other exception.
+    """
+    if comm.size == 1:
+        return work()
+    result = failure = None
+    try:
+        result = work()
+    except JointsError as error:
+        failure = error
+    except Exception as error:  # or the others would wait for ever
+        failure = RuntimeError(f"{type(error).__name__}: {error}")
+        failure.__cause__ = error
+    failures = [f for f in comm.allgather(failure) if f is not None]
+    if failures:
+        raise failures[0]
+    return result
+
+
 def spread(
     comm: MPI.Intracomm,
     tasks: Sequence[Task],
@@ -72,26 +98,16 @@ def spread(
         unpack: Makes it a result again, with the task.
 
     Raises:
-        JointsError: What a task raised, on all ranks; RuntimeError for any other exception.
+        JointsError: See `fail_alike`.
     """
     if comm.size == 1:
         return [work(task) for task in tasks]
-    own, failure = {}, None
-    for i in range(comm.rank, len(tasks), comm.size):
-        try:
-            result = work(tasks[i])
-        except JointsError as error:
-            failure = error
-            break
-        except Exception as error:  # or the others would wait for ever
-            failure = RuntimeError(f"{type(error).__name__}: {error}")
-            failure.__cause__ = error
-            break
-        own[i] = result if pack is None else pack(result)
-    failures = [f for f in comm.allgather(failure) if f is not None]
-    if failures:
-        raise failures[0]
-    found = {i: r for part in comm.allgather(own) for i, r in part.items()}
+
+    def own() -> dict[int, object]:
+        results = ((i, work(tasks[i])) for i in range(comm.rank, len(tasks), comm.size))
+        return {i: r if pack is None else pack(r) for i, r in results}
+
+    found = {i: r for part in comm.allgather(fail_alike(comm, own)) for i, r in part.items()}
     ordered = [found[i] for i in range(len(tasks))]
     if unpack is None:
         return ordered

@@ -20,7 +20,7 @@ from fenics_joints.structure import Damping, Parameter, Sensors
 #: Factor by which a mode may become less visible than the least visible of the test's: chosen.
 _CLEAR = 10.0
 #: Arguments of other small models that `ExactModes` ignores.
-_OF_A_BASIS = {"samples", "travel", "keep", "lacking", "still", "progress"}
+_OF_A_BASIS = {"samples", "travel", "keep", "lacking", "still", "progress", "ranks"}
 
 
 class ExactModes(MatchedModes):

@@ -23,7 +23,6 @@ from fenics_joints.diagnosis.evidence.linear_fits import moved, near_listed
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.shrinkage import Fold, Forecast, Interval, Shrinkage, shrink
 from fenics_joints.diagnosis.thresholds import INTERVAL
-from fenics_joints.parallel import spread
 
 #: Number of modes that the stated error of a model counts for, beside the fitted ones. [decision:
 #: chosen]
@@ -406,7 +405,8 @@ def cross_validate(
             progress()
         return found
 
-    opened = [found for found in spread(comm, masks, work) if found is not None]
+    # A fit to all data is a starting point, and costs a fold nothing.
+    opened = [f for f in library.shared(comm, masks, work, starts=candidates) if f is not None]
     if not opened:
         return Shrinkage()
     return _pooled(*map(list, zip(*opened, strict=True)), int(evidence.used.sum()))

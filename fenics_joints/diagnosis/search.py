@@ -142,7 +142,7 @@ class Search:
                 library.single(h, test) if parent is None else library.add_effect(h, parent, test)
             )
 
-        return spread(self.model.comm, tasks, work, _pack, _unpack)
+        return library.shared(self.model.comm, tasks, work, _pack, _unpack)
 
     def _singles(self, hypotheses: Sequence[Hypothesis], nothing: Found) -> list[Found]:
         """Weigh each effect; those that are far behind by algebra alone. Collective."""
@@ -232,7 +232,7 @@ class Search:
             self.progress.advance()
             return work(f)
 
-        better = spread(
+        better = self.library.shared(
             self.model.comm,
             [found[i] for i in near],
             one,

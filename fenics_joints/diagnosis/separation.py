@@ -20,6 +20,7 @@ from fenics_joints.formatting import point_mm
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.matched import PLACES, match_modes
+from fenics_joints.reduction.reduced import solve_shared
 from fenics_joints.reduction.surrogate import ReducedModel
 
 #: Expected separation D of two hypotheses, and the measurement.
@@ -46,15 +47,15 @@ def best_measurement(model: Prepared, a: Fit, b: Fit) -> Offer | None:
     conditions = np.array(a.hypothesis.conditions)[own]
     row = own[len(own) // 2]
     at = float(a.hypothesis.conditions[row])
-    first, second = (
-        solve_modes(
-            surrogate.full,
-            without_attached(f.hypothesis.values(f.z, at, baseline, row), baseline),
-            n_modes=surrogate.n_modes,
-            solver=surrogate.nominal.solver,
-        )
-        for f in (a, b)
-    )
+
+    def solve(values: Mapping[str, float]) -> Modes:
+        solver = surrogate.nominal.solver
+        return solve_modes(surrogate.full, values, n_modes=surrogate.n_modes, solver=solver)
+
+    points = [
+        without_attached(f.hypothesis.values(f.z, at, baseline, row), baseline) for f in (a, b)
+    ]
+    first, second = solve_shared(model.ranks, surrogate.full, points, solve)
     noise = float(np.max(model.data.noise)) or 1e-3
     # A model's error cancels in shifts of the same mode.
     absolute = float(np.hypot(noise, model.evidence.discrepancy))

@@ -204,18 +204,26 @@ class SampledBasis:
         self.share, self.known = share, known
         self.vectors = list(vectors)
 
-    def add(self, modes: Modes, keep: Iterable[int], just_solved: bool = False) -> None:
-        """Take modes in.
+    def add(self, modes: Modes, keep: Iterable[int]) -> None:
+        """Take modes of the full model in, those with an index in ``keep``."""
+        self.take(modes.shapes[0], self.lacked(modes, keep))
+
+    def take(self, like: PETSc.Vec, rows: np.ndarray) -> None:
+        """Take vectors in, given by this rank's rows, (k, n_local), laid out like one."""
+        self.vectors += vectors_like(like, rows)
+
+    def lacked(self, modes: Modes, keep: Iterable[int], just_solved: bool = False) -> np.ndarray:
+        """What the basis lacks of modes, this rank's rows, (k, n_local).
 
         Args:
             modes: Modes of the full model.
             keep: Which of them, by index.
             just_solved: Whether their solver has solved nothing since: it has the matrices then.
         """
-        new = [modes.shapes[int(i)] for i in keep]
+        n, new = len(self.vectors), [modes.shapes[int(i)] for i in keep]
         if not new:
-            return
-        Z, n = as_columns([*self.vectors, *new]), len(self.vectors)
+            return np.empty((0, modes.shapes[0].getLocalSize()))
+        Z = as_columns([*self.vectors, *new])
         given, shift, blocks = modes.given, modes.solver.shift, (None, None)
         if self.known is not None:
             blocks = self.known.stiffness(given), self.known.mass(given)
@@ -228,7 +236,7 @@ class SampledBasis:
             K.destroy(), M.destroy()
         size = np.sqrt(np.diag(gram))
         combine = residual_directions(gram / np.outer(size, size), n, self.share) / size[:, None]
-        self.vectors += vectors_like(new[0], (Z @ combine).T)
+        return (Z @ combine).T
 
 
 def residual_directions(gram: np.ndarray, n: int, share: float) -> np.ndarray:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
+from copy import copy
 from dataclasses import fields
 from pathlib import Path
 
@@ -182,6 +183,12 @@ class Cache:
     def path(self, name: str) -> Path:
         """The file of a result."""
         return self.folder / f"{name}{self._ending}"
+
+    def on(self, comm: MPI.Intracomm) -> Cache:
+        """The same files for other ranks."""
+        found = copy(self)
+        found.comm = comm
+        return found
 
     def read(self, name: str, kind: type, progress: Progress | None = None):
         """A result of a class, or None if it cannot be read. Collective.

@@ -125,7 +125,8 @@ def for_test(
     """
     on, known = Projection(full, basis), _lasting(full, model)
     own = [*full.regions, *full.elastic_supports, *on.changes]
-    regions = [known[each.name] if each.name in known else on.change(each) for each in own]
+    new = {term.name: term for term in on.terms([c for c in own if c.name not in known])}
+    regions = [known.get(each.name) or new[each.name] for each in own]
     pencil = replace(model.pencil, parameters=full.parameters, regions=regions)
     return ArrayModel(pencil, model.scale_hz, *on.sensors(sensors))
 

@@ -13,10 +13,13 @@ from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
-from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.modal.eigensolver import EigenSolver
+from fenics_joints.modal.modes import Modes, eigen_solver, solve_modes
+from fenics_joints.parallel import spread
 from fenics_joints.reduction.affine import (
     AffinePencil,
     RegionTerm,
@@ -30,10 +33,10 @@ from fenics_joints.reduction.forms import ProjectedModel, on_basis
 from fenics_joints.reduction.prediction import ways_of
 from fenics_joints.structure import FormModel, PointMass, Region, Sensors, Spring, Structure
 from fenics_joints.structure.changes import Change, PlacedPoint, PlacedResonator, forms_of
-from fenics_joints.structure.components import number
+from fenics_joints.structure.components import ElasticSupport, number
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
 from fenics_joints.structure.points import PlaceRows
-from fenics_joints.structure.sparse import as_columns, bordered, cross, project
+from fenics_joints.structure.sparse import as_columns, bordered, cross, project, vectors_like
 
 #: Radius within which nodes are used, over the largest distance of two sensors: a third larger than
 #: a sensor may be misplaced (`fenics_joints.diagnosis.effects.rig.misplaced_sensor`).
@@ -114,6 +117,8 @@ def _round_about(structure: Structure, x: np.ndarray, normal: np.ndarray, reach:
     return every[order[:: max(-(-len(order) // _MOST), 1)]]
 
 
+#: What has a term of its own in a reduced model.
+Part = Region | ElasticSupport | Change
 #: Stations of the spline along the path of a mass that moves: chosen.
 _TRAVEL_SAMPLES = 41
 
@@ -126,10 +131,17 @@ class Projection:
         basis: Vectors of the basis, linearly independent; held DOFs are zero.
         n_known: Number of the first vectors on which terms are known; only the columns of the
             others are computed.
+        ranks: Ranks that share the components out, where each has the whole structure.
     """
 
-    def __init__(self, structure: Structure, basis: Sequence[PETSc.Vec], n_known: int = 0):
-        self.full, self.basis = structure, basis
+    def __init__(
+        self,
+        structure: Structure,
+        basis: Sequence[PETSc.Vec],
+        n_known: int = 0,
+        ranks: MPI.Intracomm = MPI.COMM_SELF,
+    ):
+        self.full, self.basis, self.ranks = structure, basis, ranks
         self._dense = as_columns(basis)
         self._moves: dict[bytes, np.ndarray] = {}
         self._new = self._dense[:, n_known:]
@@ -196,40 +208,70 @@ class Projection:
         Raises:
             InputError: If a mass moves and ``travel`` has no range for it.
         """
-        full, known, volumes = self.full, known or {}, self.full.volumes()
+        full, known = self.full, known or {}
 
         def taken(*values: object) -> bool:
             return free is None or any(isinstance(v, str) and v in free for v in values)
 
-        regions = [
-            self.region(i, volumes[i], known.get(region.name))
-            for i, region in enumerate(full.regions)
-            if taken(*region.properties.values()) and not is_graded(region)
+        parts: list[Part] = [
+            part
+            for part in (*full.regions, *full.elastic_supports)
+            if taken(*part.properties.values()) and not is_graded(part)
         ]
-        regions += [
-            self.support(i, known.get(support.name))
-            for i, support in enumerate(full.elastic_supports)
-            if taken(*support.properties.values())
-        ]
+        parts += self.changes if free is None else []
+        regions = self.terms(parts, known)
         masses = full.masses
-        if free is None:
-            regions += [self.change(c, known.get(c.name)) for c in self.changes]
-        else:
+        if free is not None:
             masses = [replace(m, travel=number(m.travel, given)) for m in masses if taken(m.mass)]
         points = [self.spring(spring) for spring in full.springs if taken(spring.stiffness)]
         points += [self.mass(mass, (travel or {}).get(mass.name)) for mass in masses]
         return AffinePencil(full.parameters, regions, points)
 
-    def region(self, number: int, volume: float, known: RegionTerm | None = None) -> RegionTerm:
-        """A part or joint.
+    def terms(
+        self, parts: Sequence[Part], known: Mapping[str, RegionTerm] | None = None
+    ) -> list[RegionTerm]:
+        """Parts, joints, elastic supports and changes of the structure.
 
         Args:
-            number: Its index in the structure's ``regions``.
-            volume: As meshed, m3.
-            known: The term on the basis vectors of which it is known.
+            parts: The structure's own.
+            known: Terms on the basis vectors of which they are known, by name.
         """
-        region = self.full.regions[number]
-        law, samples = region.law, region.law.samples
+        known, found = known or {}, []
+        meshed = zip(map(id, self.full.regions), self.full.volumes().tolist(), strict=True)
+        volumes = {id(part): getattr(part, "volume", 0.0) for part in parts} | dict(meshed)
+        for part, arrays in zip(parts, spread(self.ranks, parts, self._arrays), strict=True):
+            law = getattr(part, "law", ELASTIC_SUPPORT)
+            own = part.name, law, part.properties
+            found.append(_term(*own, *arrays, volumes[id(part)], known.get(part.name)))
+        return found
+
+    def _arrays(self, part: Part) -> tuple[np.ndarray, np.ndarray]:
+        """New columns of the stiffness before each of a part's scalars, and of its inertia."""
+        if isinstance(part, Region):
+            return self._of_region(self.full.regions.index(part))
+        if isinstance(part, ElasticSupport):
+            number = self.full.elastic_supports.index(part)
+            units = np.array([self.new(A) for A in self.full.support_matrices(number)])
+            return units, 0.0 * units[0]
+        if isinstance(part, PlacedPoint):
+            a, b = self.moves(part)[list(part.pair)]
+            own = a[:, :, None] * b[:, None, :]
+            own = own if part.pair[0] == part.pair[1] else own + own.transpose(0, 2, 1)
+            own = own[:, :, -self._new.shape[1] :]
+            return own, own.sum(axis=0)
+        stiff, heavy = [], None
+        for which in range(1 + part.has_mass):
+            for form in forms_of(self.full, part, which, True):
+                projected = self.new(form.A)
+                form.destroy()
+                if which:
+                    heavy = projected
+                else:
+                    stiff.append(projected)
+        return np.array(stiff), 0.0 * stiff[0] if heavy is None else heavy
+
+    def _of_region(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        law, samples = self.full.regions[number].law, self.full.regions[number].law.samples
 
         def projected(which: int, sample: int) -> np.ndarray:
             A = self.full.law_matrix(number, which, sample)
@@ -240,45 +282,7 @@ class Projection:
         sampled = np.array([projected(0, i) for i in range(len(samples))])
         theta = np.array([law.stiffness_terms(q) for q in samples], dtype=float)
         terms = np.linalg.solve(theta, sampled.reshape(len(theta), -1)).reshape(sampled.shape)
-        heavy = projected(1, 0) / law.inertia_term(samples[0])
-        return _term(region.name, law, region.properties, terms, heavy, float(volume), known)
-
-    def support(self, number: int, known: RegionTerm | None = None) -> RegionTerm:
-        """An elastic support as a region without volume: its law is linear in k_n and k_t."""
-        support = self.full.elastic_supports[number]
-        units = np.array([self.new(A) for A in self.full.support_matrices(number)])
-        law, properties = ELASTIC_SUPPORT, support.properties
-        return _term(support.name, law, properties, units, 0.0 * units[0], 0.0, known)
-
-    def change(self, change: Change, known: RegionTerm | None = None) -> RegionTerm:
-        """A change of the structure, as a region with its own law."""
-        if isinstance(change, PlacedPoint):
-            a, b = self.moves(change)[list(change.pair)]
-            own = a[:, :, None] * b[:, None, :]
-            own = own if change.pair[0] == change.pair[1] else own + own.transpose(0, 2, 1)
-            own = own[:, :, -self._new.shape[1] :]
-            return _term(
-                change.name,
-                change.law,
-                change.properties,
-                own,
-                own.sum(axis=0),
-                change.volume,
-                known,
-            )
-        stiff, heavy = [], None
-        for which in range(1 + change.has_mass):
-            for form in forms_of(self.full, change, which, True):
-                projected = self.new(form.A)
-                form.destroy()
-                if which:
-                    heavy = projected
-                else:
-                    stiff.append(projected)
-        heavy = 0.0 * stiff[0] if heavy is None else heavy
-        return _term(
-            change.name, change.law, change.properties, np.array(stiff), heavy, change.volume, known
-        )
+        return terms, projected(1, 0) / law.inertia_term(samples[0])
 
     def spring(self, spring: Spring) -> RegionTerm:
         """A grounding spring."""
@@ -335,6 +339,7 @@ class ReducedStructure(ArrayModel):
             moves, by the mass's name.
         known: The model on the first of these vectors, if known: then only the others are
             projected. It must have no graded joints.
+        ranks: See `Projection`.
 
     Attributes:
         full: The full model.
@@ -347,9 +352,10 @@ class ReducedStructure(ArrayModel):
         basis: list[PETSc.Vec],
         travel: Mapping[str, tuple[float, float]] | None = None,
         known: ArrayModel | None = None,
+        ranks: MPI.Intracomm = MPI.COMM_SELF,
     ):
         self.full, self.basis = structure, basis
-        self.projection = Projection(structure, basis, known.n_dofs if known else 0)
+        self.projection = Projection(structure, basis, known.n_dofs if known else 0, ranks)
         self._graded = [i for i, region in enumerate(structure.regions) if is_graded(region)]
         pencil = self.projection.pencil(travel, {r.name: r for r in known.regions} if known else {})
         if self._graded:
@@ -448,9 +454,42 @@ class ReducedStructure(ArrayModel):
         return self.full.total_mass(given) if self._graded else super().total_mass(given)
 
 
-def is_graded(region: Region) -> bool:
-    """Whether a property of a part or joint varies in space."""
+def is_graded(region: Region | ElasticSupport) -> bool:
+    """Whether a property of a part, joint or elastic support varies in space."""
     return any(callable(p) for p in region.properties.values())
+
+
+def solve_shared(
+    ranks: MPI.Intracomm,
+    full: Structure,
+    points: Sequence[Mapping[str, float]],
+    solve: Callable[[Mapping[str, float]], Modes | None],
+    solver: EigenSolver | None = None,
+) -> list[Modes | None]:
+    """Modes of a structure at points, each solved for on one rank, on all. Collective.
+
+    Args:
+        ranks: Ranks that have the whole structure each; one where they share its mesh.
+        full: The structure.
+        points: Parameter values.
+        solve: Gives its modes, or None.
+        solver: Named as that of the modes.
+    """
+
+    def pack(modes: Modes | None):
+        if modes is None:
+            return None
+        return modes.eigenvalues, as_columns(modes.shapes).T, modes.n_rigid
+
+    def unpack(values, packed) -> Modes | None:
+        if packed is None:
+            return None
+        eigenvalues, rows, n_rigid = packed
+        like = PETSc.Vec().createMPI((full.n_local, None), comm=full.comm)
+        shapes = vectors_like(like, rows)
+        return Modes(full, dict(values), eigenvalues, shapes, n_rigid, solver=solver)
+
+    return spread(ranks, points, solve, pack, unpack)
 
 
 def reduce(
@@ -461,6 +500,7 @@ def reduce(
     travel: Mapping[str, tuple[float, float]] | None = None,
     tolerance: float = 1e-8,
     more: Callable[[Modes], np.ndarray] | None = None,
+    ranks: MPI.Intracomm = MPI.COMM_SELF,
 ) -> ReducedStructure | ProjectedModel:
     """Reduced model on the modes of the structure at samples of its parameters.
 
@@ -472,15 +512,22 @@ def reduce(
         tolerance: Directions with less than this share of the largest energy are left out. On
             nearly rigid elastic supports 1e-8 shifts frequencies by some 1e-5; take 1e-10 there.
         more: ``modes -> (n_local, k)``, this rank's rows of further vectors at a sample; the modes'
-            solver holds the factorisation there. None by default.
+            solver holds the factorisation there. None by default; not on several ``ranks``.
+        ranks: See `solve_shared`.
 
     Raises:
         InputError: Without samples, or of forms that are not linear in a parameter.
     """
-    snapshots, solver = Snapshots(structure), None
-    for given in samples:
-        modes = solve_modes(structure, given, n_modes=n_modes, solver=solver, tolerance=SNAPSHOT)
-        solver = modes.solver
+    snapshots, samples = Snapshots(structure), list(samples)
+    solver = eigen_solver(structure, samples[0], n_modes, SNAPSHOT) if samples else None
+
+    def solve(given: Mapping[str, float]) -> Modes:
+        return solve_modes(structure, given, n_modes=n_modes, solver=solver)
+
+    solved = (solve(given) for given in samples)
+    if ranks.size > 1:
+        solved = solve_shared(ranks, structure, samples, solve, solver)
+    for modes in solved:
         snapshots.add(modes, more=more and more(modes))
     basis = snapshots.basis(tolerance)
     if isinstance(structure, FormModel) or hasattr(structure, "on_basis"):

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial, singledispatch
 from types import SimpleNamespace
 
 import numpy as np
 import scipy.linalg
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.machine.memory import give_back
 from fenics_joints.measurements.gap import TooFewModes, largest_difference
 from fenics_joints.modal.modes import SHIFT_SHARE, Modes, eigen_solver, refine_modes, solve_modes
+from fenics_joints.parallel import fail_alike
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.arrays import ArrayModel, trimmed
 from fenics_joints.reduction.basis import (
@@ -37,6 +40,7 @@ from fenics_joints.reduction.reduced import (
     Projection,
     ReducedStructure,
     reduce,
+    solve_shared,
     with_motions,
 )
 from fenics_joints.structure import FormModel, Sensors, Structure
@@ -70,6 +74,7 @@ class ReducedModel(MatchedModes):
         lacking: Share of a mode's energy at a sample that the basis may lack.
         still: Parameters that stay as they are at ``start``.
         progress: Told each step and sample.
+        ranks: Ranks that share the solutions out, where each has the whole structure.
         given: See `MatchedModes`.
     """
 
@@ -87,8 +92,10 @@ class ReducedModel(MatchedModes):
         still: Collection[str] = (),
         progress: Progress | None = None,
         by_order: bool = False,
+        ranks: MPI.Intracomm = MPI.COMM_SELF,
         **given,
     ):
+        self.ranks = ranks
         self.samples, self.travel = samples(), travel and travel()
         self.progress, self.lacking = progress or Progress(silent=True), lacking
         self.n_samples = len(self.samples)
@@ -166,9 +173,23 @@ class ReducedModel(MatchedModes):
         for known in (self._solved, self._refined):
             for key in set(known) - wanted:
                 del known[key]
+        self._solve_all(points, solve)
         errors = np.array([self._error(values, solve) for values in points])
         # All ranks must decide alike from here.
-        return self.full.comm.bcast(errors)
+        return self.ranks.bcast(self.full.comm.bcast(errors))
+
+    def _solve_all(self, points: Points, solve: Callable[..., Modes]) -> None:
+        """Let ``solve`` remember the modes at points on all ranks, each solved for on one."""
+        known = self._refined if solve == self.refined else self._solved
+        keys = {tuple(values.items()): values for values in points}
+        new = {key: values for key, values in keys.items() if key not in known}
+
+        def found(values: Mapping[str, float]) -> Modes | None:
+            with suppress(TooFewModes):
+                return solve(values)
+
+        modes = solve_shared(self.ranks, self.full, list(new.values()), found, self._solver)
+        known |= {key: own for key, own in zip(new, modes, strict=True) if own is not None}
 
     def _error(self, values: Mapping[str, float], solve: Callable[..., Modes]) -> float:
         try:
@@ -212,7 +233,7 @@ class ReducedModel(MatchedModes):
         new = {change.name for change in changes}
         self.full.exchange(changes)
         on = Projection(self.full, self._basis)
-        terms = {c.name: on.change(c) for c in on.changes if c.name in new}
+        terms = {term.name: term for term in on.terms([c for c in on.changes if c.name in new])}
         regions = [terms.get(region.name, region) for region in self._whole.regions]
         self._whole = replace(self._whole, pencil=replace(self._whole.pencil, regions=regions))
         self._unbent = list(changes)
@@ -270,7 +291,7 @@ class ReducedModel(MatchedModes):
         Args:
             points: Parameter values whose modes make the basis.
         """
-        found = reduce(self.full, points, self.n_modes, travel=self.travel)
+        found = reduce(self.full, points, self.n_modes, travel=self.travel, ranks=self.ranks)
         hung = any(isinstance(change, PlacedResonator) for change in self.full.changes)
         return MovingModel(found) if hung else found
 
@@ -285,36 +306,55 @@ class ReducedModel(MatchedModes):
 
     def _reduce(self) -> ArrayModel:
         """The reduced model on the modes at the samples."""
-        whole, taken, n = None, 0, self.n_modes
+        if isinstance(self.full, Structure):
+            self.full.assemble_samples()
+        whole, taken = None, 0
         while taken < len(self.samples):
             sampled = SampledBasis(self.lacking, self._basis, whole)
             group = self.samples[taken : 4 * taken + 5]
-            for values in group:
-                if whole is None:
-                    modes = solve_modes(self.full, values, n_modes=n, solver=self._solver)
-                else:
-                    own = solve_modes(whole, values, n_modes=min(2 * n, whole.n_dofs))
-                    modes = self._near(values, own.shapes)
-                # All modes, also if no file is kept, so that both give the same numbers.
-                sampled.add(modes, range(n), just_solved=True)
-                self.progress.advance()
+            for first in range(0, len(group), self.ranks.size):
+                self._sample(sampled, group[first : first + self.ranks.size], whole)
             whole, taken = self._on(sampled, whole), taken + len(group)
         return whole
+
+    def _sample(self, sampled: SampledBasis, points: Points, whole: ArrayModel | None) -> None:
+        """Take modes at points into a basis, one after the other. Each rank solves for one, and
+        finds what the basis lacks of its modes, as its solver has the matrices."""
+        here, n = self.ranks.rank, self.n_modes
+
+        def solved() -> Modes | None:
+            if here >= len(points):
+                return None
+            if whole is None:
+                return solve_modes(self.full, points[here], n_modes=n, solver=self._solver)
+            own = solve_modes(whole, points[here], n_modes=min(2 * n, whole.n_dofs))
+            return self._near(points[here], own.shapes)
+
+        modes = fail_alike(self.ranks, solved)
+        for rank in range(len(points)):
+            # All modes, also if no file is kept, so that both give the same numbers.
+            lacked = fail_alike(
+                self.ranks,
+                lambda rank=rank: sampled.lacked(modes, range(n), True) if rank == here else None,
+            )
+            sampled.take(self.nominal.shapes[0], self.ranks.bcast(lacked, root=rank))
+            self.progress.advance()
 
     def _on(self, sampled: SampledBasis, known: ArrayModel | None = None) -> ArrayModel:
         """The reduced model on a basis, made orthonormal; ``known`` is the model on its first
         vectors."""
         n = 0 if known is None else known.n_dofs
-        self._basis = orthonormal(
-            self.full, sampled.vectors, self.samples[0], _DEPENDENT, n, known=known
-        )
+        basis = orthonormal(self.full, sampled.vectors, self.samples[0], _DEPENDENT, n, known=known)
+        # Ranks that share its projection need the same one, to the last bit.
+        rows = self.ranks.bcast(as_columns(basis[n:]).T)
+        self._basis = [*basis[:n], *vectors_like(basis[0], rows)]
         if known is not None and len(self._basis) == n:
             return known
         return self._projected(known)
 
     def _projected(self, known: ArrayModel | None) -> ArrayModel:
         """The reduced model on the basis."""
-        reduced = ReducedStructure(self.full, self._basis, self.travel, known)
+        reduced = ReducedStructure(self.full, self._basis, self.travel, known, self.ranks)
         return reduced.arrays(sensors=self.sensors)
 
     def _with_sensors(self, found: ArrayModel) -> ArrayModel:

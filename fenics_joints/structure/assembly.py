@@ -761,6 +761,11 @@ class Assembly:
         """
         return self._summed.laws[number].matrix(which, sample)
 
+    def assemble_samples(self) -> None:
+        """Let `stiffness` and `mass` be the same to the last bit whatever is asked for in between.
+        Collective."""
+        self._summed.assemble_samples()
+
     def support_matrices(self, number: int) -> tuple[PETSc.Mat, PETSc.Mat]:
         """Stiffness of an elastic support at k_n = 1 Pa/m and at k_t = 1 Pa/m, m2; kept.
 

@@ -397,6 +397,18 @@ class SummedMatrices:
             found[np.searchsorted(self._keys, _keys(*pattern, self.assembly.n_dofs))] += entries
         return self._as_matrix(found, which)
 
+    def assemble_samples(self) -> None:
+        """Assemble all samples, so that no later matrix depends on what was asked for before it, to
+        the last bit. Collective."""
+        if self.assembly.n_dofs > _MOST:
+            return
+        for laws in self._uniform:
+            laws.entries(1, 0)
+            for sample in () if laws.kept(0) == (-1,) else range(len(laws.law.samples)):
+                laws.entries(0, sample)
+            laws.columns(0)
+        self._asked = [np.inf, np.inf]
+
     def learn(self, A: PETSc.Mat) -> None:
         """Keep the pattern of a matrix of all regions. Collective."""
         if self._like is None and self.assembly.n_dofs <= _MOST:

@@ -30,7 +30,7 @@ from fenics_joints.diagnosis.evidence.localised_unknown import with_localised_un
 from fenics_joints.diagnosis.evidence.predictor import HypothesisPredictor, Make
 from fenics_joints.diagnosis.evidence.scales import Scales
 from fenics_joints.errors import InputError
-from fenics_joints.parallel import spread
+from fenics_joints.parallel import Result, Task, spread
 from fenics_joints.reduction.prediction import ModalPrediction
 
 #: Cells of one hypothesis that are solved for together, and in all at most; nats by which those
@@ -60,6 +60,14 @@ _LOOKED, _OFF = 3, 0.5
 #: Solved points of a hypothesis that are remembered; distance from a cell, in its widths, within
 #: which it may start from them. [numerical: chosen for memory]
 _REMEMBERED, _SAME_CELL = 64, 2.0
+
+
+def _same(result):
+    return result
+
+
+def _second(_, packed):
+    return packed
 
 
 @dataclass(frozen=True)
@@ -112,7 +120,7 @@ class Library(HypothesisPredictor):
         self.floor = -np.inf
         self._states: dict[str, States] = {}
         self._nothing: tuple[np.ndarray, np.ndarray] | None = None
-        #: Points, predictions and derivatives of each hypothesis that were solved for.
+        #: Points, predictions and derivatives of each hypothesis that one task solved for.
         self._solved: dict[str, tuple[np.ndarray, ...]] = {}
 
     # -- states --------------------------------------------------------------------------------
@@ -152,12 +160,57 @@ class Library(HypothesisPredictor):
             advance: Called once for each of a rank's effects.
         """
 
-        def work(effect: Effect) -> States:
+        def work(effect: Effect) -> tuple[States, bool]:
             advance()
-            return self.states(effect)
+            return self.states(effect), self._is_smooth(effect)
 
-        for effect, states in zip(effects, spread(comm, effects, work), strict=True):
-            self._states[effect.key] = states
+        for effect, found in zip(effects, spread(comm, effects, work), strict=True):
+            self._states[effect.key], self._smooth[effect.key] = found
+
+    def shared(
+        self,
+        comm: MPI.Intracomm,
+        tasks: Sequence[Task],
+        work: Callable[[Task], Result],
+        pack: Callable[[Result], object] = _same,
+        unpack: Callable[[Task, object], Result] = _second,
+        *,
+        starts: Sequence[Fit] = (),
+    ) -> list[Result]:
+        """`fenics_joints.parallel.spread` of work with this library, whose results do not depend
+        on the rank: each task starts from what all ranks know. Collective.
+
+        Args:
+            comm: See there.
+            tasks: See there.
+            work: See there.
+            pack: See there.
+            unpack: See there.
+            starts: Fits from whose points their hypotheses may start.
+        """
+        known, at = self._lacking, {}
+        for f in starts:
+            if np.isfinite(f.predicted).all():
+                own = f.z[None], f.predicted[None], f.jacobian[None]
+                at[f.hypothesis.label_of_keys] = own
+
+        def one(task: Task) -> tuple[Result, dict[str, tuple[np.ndarray, ...]]]:
+            self._lacking, self._solved = dict(known), dict(at)
+            result = work(task)
+            new = {key: z for key, z in self._lacking.items() if z is not known.get(key)}
+            self._lacking, self._solved = known, {}
+            return result, new
+
+        found = spread(
+            comm,
+            tasks,
+            one,
+            lambda both: (pack(both[0]), both[1]),
+            lambda task, both: (unpack(task, both[0]), both[1]),
+        )
+        for _, new in found:
+            known.update(new)
+        return [result for result, _ in found]
 
     def with_forward(self, forward) -> Library:
         """The same for a better model; states stay, since they only say which cells to solve for.

@@ -63,11 +63,11 @@ class HypothesisPredictor:
         #: Whether every hypothesis has a basis of its own.
         self.lean = lean and self.forward.model.n_dofs > _LARGE
         #: Predictions on small bases, by the keys of the effects that each serves.
-        self.bases: dict[tuple[str, ...], BatchPrediction] = {}
+        self.bases: dict[tuple[str | bytes, ...], BatchPrediction] = {}
         #: Modes that bases are made of, and their weights, by the effect's key.
         self._samples: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        #: The same of modes that the basis of one hypothesis was found to lack.
-        self._lacking: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+        #: Points, (b, p), whose modes the basis of one hypothesis was found to lack.
+        self._lacking: dict[str, tuple[np.ndarray, ...]] = {}
         #: Whether few torques tell of all, and which parameters change, by the effect's key.
         self._smooth: dict[str, bool] = {}
         self._changes: dict[str, set[str]] = {}
@@ -95,8 +95,7 @@ class HypothesisPredictor:
 
     def enrich(self, h: Hypothesis, z: np.ndarray) -> None:
         """Take the modes at points, (b, p), into the basis of one hypothesis."""
-        self._lacking.setdefault(h.label_of_keys, []).append(self._modes_at(h, z))
-        self.bases.pop((h.label_of_keys,), None)
+        self._lacking[h.label_of_keys] = (*self._lacking.get(h.label_of_keys, ()), z)
 
     def _many(
         self, h: Hypothesis, between: bool | None = None, forward: ModalPrediction | None = None
@@ -126,14 +125,18 @@ class HypothesisPredictor:
         """Predictions on the vectors that hold the test's modes all over a hypothesis' prior."""
         if not self.lean:
             return self.forward
-        acting = [e for e in h.effects if e.apply is not None or e.loss is not None]
-        key = tuple(sorted(effect.key for effect in acting))
-        if h.label_of_keys in self._lacking:
+        # In one order, so that round-off is the same whichever hypothesis asks first.
+        acting = sorted(
+            (e for e in h.effects if e.apply is not None or e.loss is not None),
+            key=lambda effect: effect.key,
+        )
+        key, lacking = tuple(effect.key for effect in acting), self._lacking.get(h.label_of_keys)
+        if lacking is not None:
             # For this hypothesis alone, so that the order of work makes no difference to others.
-            key = (h.label_of_keys,)
+            key = (h.label_of_keys, *(z.tobytes() for z in lacking))
         if key not in self.bases:
             parts = [self._sampled(None), *map(self._sampled, acting)]
-            parts += self._lacking.get(h.label_of_keys, ())
+            parts += [self._modes_at(h, z) for z in lacking or ()]
             shapes, weights = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
             model = self.forward.model
             vectors, sizes = pod(model, shapes, weights)

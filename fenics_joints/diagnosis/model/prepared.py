@@ -36,7 +36,7 @@ from fenics_joints.diagnosis.model.bonded import joint_errors
 from fenics_joints.diagnosis.model.found_sites import found_sites
 from fenics_joints.diagnosis.model.of_forms import FormCase
 from fenics_joints.diagnosis.model.resolution import MeshErrors, mesh_errors
-from fenics_joints.diagnosis.model.subject import Subject, subject_of, with_places
+from fenics_joints.diagnosis.model.subject import Subject, mesh_ranks, subject_of, with_places
 from fenics_joints.diagnosis.where.patches import PATCHES, Patches, patches, signatures
 from fenics_joints.diagnosis.where.zone_sensitivity import with_compliant_joints
 from fenics_joints.diagnosis.zones.sites import placed
@@ -108,6 +108,13 @@ class Prepared(Subject):
         return f"Prepared({self.case.title!r}, {len(self.effects)} effects, {self.evidence})"
 
     @property
+    def ranks(self) -> MPI.Intracomm:
+        """Ranks that share solutions out: all where each has the whole mesh, this one alone where
+        they share it, or there is none."""
+        apart = self.full.is_dense or self.full.comm.size > 1
+        return MPI.COMM_SELF if apart else self.comm
+
+    @property
     def forward(self) -> ModalPrediction:
         """Frequencies and shapes from the reduced model."""
         return self.surrogate.forward
@@ -160,7 +167,7 @@ class Prepared(Subject):
         """
         models, cache = tested_models(self.full), None
         if keep is not None and models.kept:
-            cache = Cache(keep, self.fingerprint(), self.full.comm, side_by_side=True)
+            cache = Cache(keep, self.fingerprint(), self.comm, side_by_side=True)
         self.surrogate = models.seen(
             self.full,
             self.baseline,
@@ -175,13 +182,14 @@ class Prepared(Subject):
             progress=progress,
             still=self._unfit(),
             lacking=self._share,
+            ranks=self.ranks,
         )
         if self.case.measured is not None:  # frequencies of a planned test are placeholders
             self._look_for_partners()
         if self.evidence.shapes is not None:
             self.evidence = replace(self.evidence, neighbours=self._neighbours())
         if self.case.diagnose.mesh_error:
-            errors = mesh_errors(self.surrogate, self.baseline, progress, cache)
+            errors = mesh_errors(self.surrogate, self.baseline, progress, cache, self.ranks)
             if errors is not None:
                 self.on_mesh(errors)
             elif getattr(self.full, "ties", None) is not None and self.full.degree > 1:
@@ -523,7 +531,8 @@ def prepare(
         InputError: If the case has no test, or names effects that do not exist.
     """
     data = case.diagnosed_test() if data is None else data
-    subject = with_places(subject_of(case.diagnosed(), comm, progress), data.sensors)
+    case = case.diagnosed()
+    subject = with_places(subject_of(case, mesh_ranks(case, comm), progress), data.sensors)
     case, zones = subject.case, subject.zones
     mass = subject.full.total_mass(subject.baseline)
     own = data.as_it_is

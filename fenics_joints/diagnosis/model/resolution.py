@@ -7,10 +7,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from mpi4py import MPI
 
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import ALIKE, mac, pair_modes
 from fenics_joints.modal.modes import Modes
+from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.files import Cache
 from fenics_joints.reduction.kept import kept_modes
@@ -49,7 +51,11 @@ class MeshErrors(NamedTuple):
 
 
 def mesh_errors(
-    small: MatchedModes, values: Mapping[str, float], progress: Progress, keep: Cache | None = None
+    small: MatchedModes,
+    values: Mapping[str, float],
+    progress: Progress,
+    keep: Cache | None = None,
+    ranks: MPI.Intracomm = MPI.COMM_SELF,
 ) -> MeshErrors | None:
     """What the mesh does to the frequencies and shapes of the test's modes. Collective.
 
@@ -63,6 +69,7 @@ def mesh_errors(
         progress: Told before the solution.
         keep: Cache of the finer model's modes, for every test of the structure; None to keep
             nothing.
+        ranks: Ranks that have the whole structure each, of which one computes.
 
     Returns:
         The errors; None for a model without a finer one, or one that would be too large.
@@ -73,10 +80,15 @@ def mesh_errors(
     if finer is None or finer.n_dofs > MOST:
         return None
     progress.step("discretisation error, by elements one degree higher")
-    better = kept_modes(finer, values, small.n_modes, keep, "finer")
-    # The same body has as many rigid motions, whatever round-off makes of their frequencies.
-    better = replace(better, n_rigid=small.nominal.n_rigid)
-    return MeshErrors(*small.full.comm.bcast(_measured(small, better)))
+
+    def found() -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        own = None if keep is None else keep.on(small.full.comm)
+        better = kept_modes(finer, values, small.n_modes, own, "finer")
+        # The same body has as many rigid motions, whatever round-off makes of their frequencies.
+        return _measured(small, replace(better, n_rigid=small.nominal.n_rigid))
+
+    # Round-off may differ on another rank.
+    return MeshErrors(*ranks.bcast(small.full.comm.bcast(on_root(ranks, found))))
 
 
 def _measured(

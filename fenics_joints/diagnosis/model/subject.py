@@ -13,8 +13,10 @@ from fenics_joints.case.build_beams import build_beams
 from fenics_joints.case.build_matrices import build_matrices, read_matrices
 from fenics_joints.case.build_matrices import layer_thickness as layer_thickness_of_matrices
 from fenics_joints.case.dimensions import AsGiven, Dimensions
+from fenics_joints.case.size import available_bytes, estimate
 from fenics_joints.diagnosis.effects.sited import needed
 from fenics_joints.diagnosis.model.of_forms import FormCase
+from fenics_joints.diagnosis.model.of_structure import ScriptedCase
 from fenics_joints.diagnosis.where.cells import (
     BeamElements,
     FormCells,
@@ -55,6 +57,23 @@ class Subject:
     cells: StructureCells
     dimensions: Dimensions | AsGiven | None
     sites: Sites = field(default_factory=Sites.none)
+
+
+def mesh_ranks(case: Case, comm: MPI.Intracomm) -> MPI.Intracomm:
+    """On which ranks a case's mesh is: each has all of it if the machines have the memory, so that
+    no result depends on their number; otherwise, or if it is made already, all share it.
+    Collective.
+
+    Args:
+        case: The case.
+        comm: Communicator.
+    """
+    if isinstance(case, FormCase | ScriptedCase):
+        return comm
+    local = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    fits = local.size * estimate(case).bytes <= available_bytes()
+    local.Free()
+    return MPI.COMM_SELF if comm.allreduce(fits, op=MPI.LAND) else comm
 
 
 def with_places(subject: Subject, sensors: Sensors | None) -> Subject:
