@@ -5,7 +5,8 @@ motions as near null space (Vaněk, Mandel and Brezina, Computing 56, 1996); ele
 first to degree 1. x = R u brings that to the unknowns of `fenics_joints.structure.jumps`. A Newton
 step holds some entries of x: their rows of the finest prolongation are set to zero, so that every
 coarse correction keeps the contact exactly, whatever pairs it closes, and the coarse matrices are
-P^T A P (truncated multigrid: Gräser and Kornhuber, J. Comput. Math. 27, 2009).
+P^T A P (truncated multigrid: Gräser and Kornhuber, J. Comput. Math. 27, 2009). That of all but the
+rows and columns at contacts is formed once, and theirs are added in each step.
 """
 
 from __future__ import annotations
@@ -64,28 +65,28 @@ class ContactMultigrid:
         #: Prolongations from coarse to fine, of which the finest is that of the present step.
         self.prolongations = [*chain[:-1], alone(R.matMult(chain[-1]), R, chain[-1])]
         self._matrices: list[PETSc.Mat | None] = [None] * len(self.prolongations)
-        self._free = self._near = self._cut = self._change = None
+        self._rest = self._near = self._cut = self._change = None
 
     def _begin(self, K: Stiffness) -> None:
-        """Keep what changes, and the coarse matrix with all held that ever may be."""
+        """The coarse matrix with all held that ever may be, and rows of P that meet the rest."""
         P = self.prolongations[-1]
-        near = np.diff(K.near.getValuesCSR()[0]) > 0
-        first = P.getOwnershipRange()[0]
-        self._near = filtered(
-            P,
-            lambda low, rows: np.repeat(near[low - first :][: rows.shape[0]], np.diff(rows.indptr)),
-        )
+        near, first = np.diff(K.near.getValuesCSR()[0]) > 0, P.getOwnershipRange()[0]
+
+        def meets(low: int, rows: scipy.sparse.csr_matrix) -> np.ndarray:
+            return np.repeat(near[low - first :][: rows.shape[0]], np.diff(rows.indptr))
+
+        self._near = filtered(P, meets)
         self._cut = self._near.copy()
         kept = K.kept(K.entries)
         P.diagonalScale(kept, None)
         kept.destroy()
-        self._free = alone(K.A.ptap(P))
+        self._rest = alone(K.A.ptap(P))
         # With all of its diagonal, where ones may come.
-        diagonal = self._free.getDiagonal()
-        self._free.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-        self._free.setDiagonal(diagonal)
+        diagonal = self._rest.getDiagonal()
+        self._rest.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        self._rest.setDiagonal(diagonal)
         diagonal.destroy()
-        self._matrices[-1] = self._free.copy()
+        self._matrices[-1] = self._rest.copy()
 
     def attach(self, pc: PETSc.PC, K: Stiffness, held: np.ndarray) -> None:
         """Make levels for the present state of a stiffness in x. Collective.
@@ -95,7 +96,7 @@ class ContactMultigrid:
             K: The stiffness.
             held: Local numbers of entries of x that it holds.
         """
-        if self._free is None:
+        if self._rest is None:
             self._begin(K)
         n = len(self.prolongations)
         if pc.getMGLevels() != n + 1:
@@ -109,7 +110,7 @@ class ContactMultigrid:
         put_rows(self._cut, finest)
         self._change = K.now.ptap(self._cut, result=self._change)
         A = self._matrices[-1]
-        self._free.copy(A, structure=same)
+        self._rest.copy(A, structure=same)
         A.axpy(1.0, self._change, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         self._level(pc, n, K.A)
         for level in range(n - 1, 0, -1):
@@ -130,7 +131,7 @@ class ContactMultigrid:
 
     def destroy(self) -> None:
         """Free everything. Collective."""
-        own = self._free, self._near, self._cut, self._change
+        own = self._rest, self._near, self._cut, self._change
         for owned in (*own, *self.prolongations, *self._matrices):
             if owned is not None:
                 owned.destroy()
