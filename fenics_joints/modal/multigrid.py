@@ -95,15 +95,8 @@ class Multigrid:
         self._matrix.axpy(-shift, M, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         M.destroy()
         self._matrix.setOption(PETSc.Mat.Option.SPD, True)
-        set_near_null_space(self._matrix, self.coarse)
-        self.solver = PETSc.KSP().create(self._matrix.comm)
-        self.solver.setOptionsPrefix(_PREFIX)
-        self.solver.setType(PETSc.KSP.Type.PREONLY)
-        self.solver.setOperators(self._matrix)
         try:
-            with petsc_defaults(_PREFIX, self.options):
-                self.solver.setFromOptions()
-                self.solver.setUp()
+            self.solver = coarsening(self._matrix, self.coarse, _PREFIX, self.options)
         except PETSc.Error as error:
             raise ConvergenceError("the multigrid of K - shift M failed", str(error)) from error
         if self.coarse is not self.structure:
@@ -116,30 +109,21 @@ class Multigrid:
 
     def _take_levels(self, K: SymmetricBlocks) -> None:
         """GAMG's levels in blocks, and the inverse on the last one."""
-        pc = self.solver.getPC()
-        count = pc.getMGLevels() if pc.getType() == PETSc.PC.Type.GAMG else 1
-        # What PETSc hands out is let go by hand: Python's collector cannot do it on several ranks.
-        for level in range(count - 1, 0, -1):
-            handed = pc.getMGSmoother(level), pc.getMGInterpolation(level)
-            handed += handed[0].getOperators()
-            _, P, A, _ = handed
+        self._last, first = None, self._matrix
+        if self.solver.getPC().getType() != PETSc.PC.Type.GAMG:
+            return
+        levels = take_levels(self.solver)
+        self._matrix = None
+        for A, (P, _) in zip([first, *(A for _, A in levels)], levels, strict=False):
             own = SymmetricBlocks(A, A.getBlockSize()) if self._levels else K
             self._levels.append((own, Rows.of(P)))
-            for each in handed:
-                each.destroy()
-        self._last = None
-        if pc.getType() == PETSc.PC.Type.GAMG:
-            handed = pc.getMGCoarseSolve(), *pc.getMGCoarseSolve().getOperators()
-            A = handed[1]
-            own = [rows.toarray() for _, rows in row_pieces(A, A.getSize()[0])]
-            whole = np.concatenate(A.comm.tompi4py().allgather(np.concatenate(own)))
-            first, last = A.getOwnershipRange()
-            self._last = np.linalg.pinv(whole, rcond=1e-12, hermitian=True)[first:last]
-            for each in handed:
-                each.destroy()
-            self.solver.reset()  # PETSc's copy of the levels
-            self._matrix.destroy()
-            self._matrix = None
+            A.destroy(), P.destroy()
+        A = levels[-1][1] if levels else first
+        own = [rows.toarray() for _, rows in row_pieces(A, A.getSize()[0])]
+        whole = np.concatenate(A.comm.tompi4py().allgather(np.concatenate(own)))
+        low, high = A.getOwnershipRange()
+        self._last = np.linalg.pinv(whole, rcond=1e-12, hermitian=True)[low:high]
+        A.destroy()
 
     def __call__(self, B: np.ndarray) -> np.ndarray:
         """One cycle for right-hand sides B, (n_local, 8). Collective."""
@@ -364,6 +348,38 @@ def prolongation(coarse: Structure, fine: Structure) -> PETSc.Mat:
     lean = without_zeros(P)
     P.destroy()
     return lean
+
+
+def coarsening(
+    A: PETSc.Mat, structure: Structure, prefix: str, options: Mapping[str, object]
+) -> PETSc.KSP:
+    """A solver whose preconditioner, GAMG by its options, has made its levels. Collective."""
+    set_near_null_space(A, structure)
+    ksp = PETSc.KSP().create(A.comm)
+    ksp.setOptionsPrefix(prefix)
+    ksp.setType(PETSc.KSP.Type.PREONLY)
+    ksp.setOperators(A)
+    with petsc_defaults(prefix, options):
+        ksp.setFromOptions()
+        ksp.setUp()
+    return ksp
+
+
+def take_levels(ksp: PETSc.KSP) -> list[tuple[PETSc.Mat, PETSc.Mat]]:
+    """GAMG's levels, which the solver loses, from fine to coarse: a prolongation, the matrix below.
+
+    They are the caller's to destroy. Collective.
+    """
+    pc, levels = ksp.getPC(), []
+    for level in range(pc.getMGLevels() - 1, 0, -1):
+        below = pc.getMGSmoother(level - 1)
+        other, A = below.getOperators()
+        levels.append((pc.getMGInterpolation(level), A))
+        # What PETSc hands out is let go by hand: Python's collector cannot do it on several ranks.
+        below.destroy(), other.destroy()
+    ksp.reset()
+    pc.destroy()
+    return levels
 
 
 def set_near_null_space(A: PETSc.Mat, structure: Structure) -> None:

@@ -150,7 +150,8 @@ class PreloadAdjoint:
 
     def _solve(self, g: PETSc.Vec) -> PETSc.Vec:
         right, psi = g.duplicate(), g.duplicate()
-        self.solver.held.multTranspose(g, right)
+        self.solver.K.mult(g, right)
+        right.array[self.solver.pins] = 0.0
         try:
             self._ksp.solveTranspose(right, psi)
         except PETSc.Error as error:
@@ -231,7 +232,7 @@ class PreloadAdjoint:
         left.array[:] -= V @ np.linalg.solve(gram, dots(comm, heavy, y.array_r))
         # The form of K - lambda M at the difference of two lambda is that of M; this lambda, in
         # (rad/s)^2, makes the two of one size.
-        scale = self.solver.K.norm(PETSc.NormType.FROBENIUS) / M.norm(PETSc.NormType.FROBENIUS)
+        scale = self.solver.stiffness.diagonal.norm() / M.getDiagonal().norm()
         slope = self._bilinear(left, rate, scale) - self._bilinear(left, rate, 0.0)
         for owned in (load, M, rate, left):
             owned.destroy()

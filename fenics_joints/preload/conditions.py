@@ -73,15 +73,17 @@ class ContactPairs:
             self.share * q - shear[:, None] * (v - self.slip),
         )
 
-    def equations(self, x: np.ndarray, r: np.ndarray, closed: bool = False) -> np.ndarray:
+    def equations(self, x: np.ndarray, r: np.ndarray, closed=False, opened=False) -> np.ndarray:
         """The left-hand sides, (n, gdim), N.
 
         Args:
             x: Displacements and jumps.
             r: Rows of K x - f.
             closed: Whether all pairs count as closed, and stuck where there is friction: the start.
+            opened: Pairs that count as open, as a mask, (n,).
         """
         normal, tangent = self.trial(x, r)
+        normal[opened] = 0.0
         N, q = self.split(r)
         pressed = normal if closed else np.maximum(normal, 0.0)
         return np.column_stack([N - pressed, q - _shorten(tangent, self._limit(normal, closed))])
@@ -93,7 +95,7 @@ class ContactPairs:
         with np.errstate(invalid="ignore"):
             return np.where(pressed > 0, self.friction * pressed, 0.0)
 
-    def tangent(self, x: np.ndarray, r: np.ndarray, slack: float = 0.0, closed: bool = False):
+    def tangent(self, x: np.ndarray, r: np.ndarray, slack=0.0, closed=False, opened=False):
         """Blocks A, B, each (n, gdim, gdim): the equations' derivative is A dr + B dx.
 
         Args:
@@ -101,8 +103,10 @@ class ContactPairs:
             r: Rows of K x - f.
             slack: Share of Coulomb's limit by which a pair may be above it and count as stuck.
             closed: See `equations`.
+            opened: Likewise.
         """
         normal, tangent = self.trial(x, r)
+        normal[opened] = 0.0
         n, gdim = self.numbers.shape
         slope = np.zeros((n, gdim, gdim))
         slope[:, 0, 0] = closed | (normal > 0)

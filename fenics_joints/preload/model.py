@@ -352,15 +352,11 @@ class PreloadModel:
         Args:
             given: Values of the structure's parameters that differ from their nominal value.
             axial: Whether the beams resist stretching: yes about a preload state, not during it.
-            bodies: The structure's stiffness K at these values, if it is at hand; changed where
-                supports hold vertices that follow others.
+            bodies: The structure's stiffness K at these values, if it is at hand; it is freed.
         """
         K = self.structure.stiffness(given) if bodies is None else bodies
         self._stiffen(K)
-        A = self.jumps.project(K)
-        if bodies is None:
-            K.destroy()
-        return self._with_extras(A, 0, axial, 1.0)
+        return self._with_extras(self.jumps.project(K), 0, axial, 1.0)
 
     def _stiffen(self, K: PETSc.Mat) -> None:
         """Hold supported displacements that follow others: their row of K has but its diagonal."""
@@ -373,9 +369,7 @@ class PreloadModel:
 
     def mass(self, given: Mapping[str, float] | None = None) -> PETSc.Mat:
         """T^T M T with the bolts' beams and their head masses."""
-        M = self.structure.mass(given)
-        A = self.jumps.project(M)
-        M.destroy()
+        A = self.jumps.project(self.structure.mass(given))
         return self._with_extras(A, 1, True, 0.0)
 
     def _with_extras(self, A: PETSc.Mat, which: int, axial: bool, diagonal: float) -> PETSc.Mat:

@@ -5,7 +5,8 @@ motions as near null space (Vaněk, Mandel and Brezina, Computing 56, 1996); ele
 first to degree 1. x = R u brings that to the unknowns of `fenics_joints.structure.jumps`. A Newton
 step holds some entries of x: their rows of the finest prolongation are set to zero, so that every
 coarse correction keeps the contact exactly, whatever pairs it closes, and the coarse matrices are
-P^T A P (truncated multigrid: Gräser and Kornhuber, J. Comput. Math. 27, 2009).
+P^T A P (truncated multigrid: Gräser and Kornhuber, J. Comput. Math. 27, 2009). That of all but the
+rows and columns at contacts is formed once, and theirs are added in each step.
 """
 
 from __future__ import annotations
@@ -16,16 +17,17 @@ import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
 
-from fenics_joints.modal.multigrid import prolongation, set_near_null_space
-from fenics_joints.modal.options import petsc_defaults
+from fenics_joints.machine.memory import give_back
+from fenics_joints.modal.multigrid import coarsening, prolongation, take_levels
 from fenics_joints.preload.model import PreloadModel
+from fenics_joints.preload.stiffness import Stiffness, put_rows
 from fenics_joints.structure.jumps import Jumps, alone
+from fenics_joints.structure.sparse import filtered
 from fenics_joints.structure.structure import Structure
 
 _PREFIX = "fenics_joints_coarsening_"
 #: Of GAMG only the prolongations are used, so nothing is solved with the singular matrix.
 _COARSENING = {
-    "ksp_type": "preonly",
     "pc_type": "gamg",
     "pc_gamg_threshold": "0.02",
     "mg_levels_ksp_type": "richardson",
@@ -60,40 +62,77 @@ class ContactMultigrid:
             chain = [*_coarsenings(coarse, K), prolongation(coarse, structure)]
             K.destroy()
         R = from_displacements(model.jumps)
-        self._whole = alone(R.matMult(chain[-1]), R, chain.pop())
         #: Prolongations from coarse to fine, of which the finest is that of the present step.
-        self.prolongations = [*chain, self._whole.copy()]
+        self.prolongations = [*chain[:-1], alone(R.matMult(chain[-1]), R, chain[-1])]
         self._matrices: list[PETSc.Mat | None] = [None] * len(self.prolongations)
+        self._rest = self._near = self._cut = self._change = None
 
-    def hold(self, rows: np.ndarray) -> None:
-        """Hold entries of x, by local number, in all steps."""
-        _cut(self._whole, rows)
+    def _begin(self, K: Stiffness) -> None:
+        """The coarse matrix with all held that ever may be, and rows of P that meet the rest."""
+        P = self.prolongations[-1]
+        near, first = np.diff(K.near.getValuesCSR()[0]) > 0, P.getOwnershipRange()[0]
 
-    def attach(self, pc: PETSc.PC, A: PETSc.Mat, held: np.ndarray) -> None:
-        """Make levels for a matrix in x. Collective.
+        def meets(low: int, rows: scipy.sparse.csr_matrix) -> np.ndarray:
+            return np.repeat(near[low - first :][: rows.shape[0]], np.diff(rows.indptr))
+
+        self._near = filtered(P, meets)
+        self._cut = self._near.copy()
+        kept = K.kept(K.entries)
+        P.diagonalScale(kept, None)
+        kept.destroy()
+        self._rest = alone(K.A.ptap(P))
+        # With all of its diagonal, where ones may come.
+        diagonal = self._rest.getDiagonal()
+        self._rest.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        self._rest.setDiagonal(diagonal)
+        diagonal.destroy()
+        self._matrices[-1] = self._rest.copy()
+
+    def attach(self, pc: PETSc.PC, K: Stiffness, held: np.ndarray) -> None:
+        """Make levels for the present state of a stiffness in x. Collective.
 
         Args:
             pc: The preconditioner, of PETSc's type ``mg``, before its options are read.
-            A: The matrix, of the same pattern in each call.
+            K: The stiffness.
             held: Local numbers of entries of x that it holds.
         """
+        if self._rest is None:
+            self._begin(K)
         n = len(self.prolongations)
         if pc.getMGLevels() != n + 1:
             pc.setMGLevels(n + 1)
+        same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+        kept = K.kept(held)
+        self._near.copy(self._cut, structure=same)
+        self._cut.diagonalScale(kept, None)
+        kept.destroy()
         finest = self.prolongations[-1]
-        self._whole.copy(finest, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        _cut(finest, held)
-        for level in range(n, 0, -1):
-            pc.getMGSmoother(level).setOperators(A)
-            P = self.prolongations[level - 1]
-            pc.setMGInterpolation(level, P)
-            A = self._matrices[level - 1] = A.ptap(P, result=self._matrices[level - 1])
+        put_rows(self._cut, finest)
+        self._change = K.now.ptap(self._cut, result=self._change)
+        A = self._matrices[-1]
+        self._rest.copy(A, structure=same)
+        A.axpy(1.0, self._change, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        self._level(pc, n, K.A)
+        for level in range(n - 1, 0, -1):
             _without_zero_rows(A)
-        pc.getMGCoarseSolve().setOperators(A)
+            self._level(pc, level, A)
+            P, known = self.prolongations[level - 1], self._matrices[level - 1]
+            A = self._matrices[level - 1] = A.ptap(P, result=known)
+        _without_zero_rows(A)
+        coarsest = pc.getMGCoarseSolve()
+        coarsest.setOperators(A)
+        coarsest.destroy()
+
+    def _level(self, pc: PETSc.PC, level: int, A: PETSc.Mat) -> None:
+        smoother = pc.getMGSmoother(level)
+        smoother.setOperators(A)
+        smoother.destroy()
+        pc.setMGInterpolation(level, self.prolongations[level - 1])
 
     def destroy(self) -> None:
         """Free everything. Collective."""
-        for owned in (self._whole, *self.prolongations, *self._matrices):
+        own = self._rest, self._near, self._cut, self._change
+        for owned in (*own, *self.prolongations, *self._matrices):
             if owned is not None:
                 owned.destroy()
 
@@ -101,17 +140,13 @@ class ContactMultigrid:
 def _coarsenings(structure: Structure, K: PETSc.Mat) -> list[PETSc.Mat]:
     """Prolongations of a structure's stiffness, from coarse to fine."""
     K.setBlockSize(structure.gdim)
-    set_near_null_space(K, structure)
-    ksp = PETSc.KSP().create(structure.comm)
-    ksp.setOptionsPrefix(_PREFIX)
-    ksp.setOperators(K)
-    with petsc_defaults(_PREFIX, _COARSENING):
-        ksp.setFromOptions()
-        ksp.setUp()
-    pc = ksp.getPC()
-    found = [pc.getMGInterpolation(level) for level in range(1, pc.getMGLevels())]
+    ksp = coarsening(K, structure, _PREFIX, _COARSENING)
+    found = take_levels(ksp)
     ksp.destroy()
-    return found
+    for _, A in found:
+        A.destroy()
+    give_back()
+    return [P for P, _ in reversed(found)]
 
 
 def from_displacements(jumps: Jumps) -> PETSc.Mat:
@@ -157,15 +192,6 @@ def _sparse(jumps: Jumps, n_rows: int, n_columns: int, i, j, values) -> PETSc.Ma
     sizes = ((n_rows, None), (n_columns, None))
     csr = (A.indptr.astype(PETSc.IntType), A.indices.astype(PETSc.IntType), A.data)
     return PETSc.Mat().createAIJ(sizes, csr=csr, comm=jumps.comm)
-
-
-def _cut(P: PETSc.Mat, rows: np.ndarray) -> None:
-    """Set rows of a prolongation, by local number, to zero."""
-    kept = P.createVecLeft()
-    kept.set(1.0)
-    kept.array[rows] = 0.0
-    P.diagonalScale(kept, None)
-    kept.destroy()
 
 
 def _without_zero_rows(A: PETSc.Mat) -> None:

@@ -26,6 +26,7 @@ from petsc4py import PETSc
 
 from fenics_joints.modal.options import petsc_defaults
 from fenics_joints.preload.multigrid import CYCLE, ContactMultigrid
+from fenics_joints.preload.stiffness import Stiffness
 
 #: Pairs that may have changed since P was factorised: about one Krylov iteration each. At most this
 #: share of n^(2/3), in which the ratio of a factorisation to a solution grows (nested dissection in
@@ -40,16 +41,17 @@ class NewtonMatrix:
     """Context of PETSc's Python matrix: y = A K x + B x.
 
     Args:
-        K: Stiffness in x, held entries apart.
+        K: Stiffness in x.
         numbers: Local numbers of the pairs' entries, (n, gdim).
+        fixed: Local numbers of entries that are held at zero.
 
     Attributes:
         A: Blocks that combine the rows of K, (n, gdim, gdim).
         B: Blocks that are added, (n, gdim, gdim).
     """
 
-    def __init__(self, K: PETSc.Mat, numbers: np.ndarray):
-        self.K, self.numbers = K, numbers
+    def __init__(self, K: PETSc.Mat, numbers: np.ndarray, fixed: np.ndarray):
+        self.K, self.numbers, self.fixed = K, numbers, fixed
         n, gdim = numbers.shape
         self.A, self.B = np.tile(np.eye(gdim), (n, 1, 1)), np.zeros((n, gdim, gdim))
 
@@ -58,6 +60,7 @@ class NewtonMatrix:
         self.K.mult(x, y)
         rows, at = y.array_r[self.numbers], x.array_r[self.numbers]
         y.array[self.numbers] = _times(self.A, rows) + _times(self.B, at)
+        y.array[self.fixed] = x.array_r[self.fixed]
 
     def matrix(self) -> PETSc.Mat:
         """The PETSc matrix of this context. Collective."""
@@ -72,7 +75,8 @@ class NewtonPreconditioner:
     It outlives single solutions, and so does its factorisation.
 
     Args:
-        K: Stiffness in x, held entries apart.
+        K: Stiffness in x.
+        fixed: Local numbers of entries that are held at zero.
         prefix: Options prefix of the KSP that solves with P.
         options: PETSc options of that KSP, without prefix.
         multigrid: What a cycle for P, instead of its factorisation, is made from; None for
@@ -86,20 +90,18 @@ class NewtonPreconditioner:
 
     def __init__(
         self,
-        K: PETSc.Mat,
+        K: Stiffness,
+        fixed: np.ndarray,
         prefix: str,
         options: Mapping[str, object],
         multigrid: ContactMultigrid | None = None,
     ):
-        self.K, self.options, self.multigrid = K, dict(options), multigrid
-        self.P = K.copy()
-        self.P.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        self.P.setOption(PETSc.Mat.Option.SPD, True)
-        self._diagonal = K.getDiagonal()
-        self._work, self._known = K.createVecs()
+        self.K, self.fixed, self.P = K, fixed, K.A
+        self.options, self.multigrid = dict(options), multigrid
+        self._work, self._known = self.P.createVecs()
         self._state: np.ndarray | None = None
         self.factorisations = self.solves = self._before = 0
-        self.ksp = PETSc.KSP().create(K.comm)
+        self.ksp = PETSc.KSP().create(self.P.comm)
         self.ksp.setOptionsPrefix(prefix)
 
     def setUp(self, pc: PETSc.PC) -> None:
@@ -115,15 +117,15 @@ class NewtonPreconditioner:
             changed = np.inf
         else:
             local = int(np.sum(np.any(state != self._state, axis=1)))
-            changed = self.K.comm.tompi4py().allreduce(local, op=MPI.SUM)
-        most = min(_MOST, _SHARE * self.K.getSize()[0] ** (2 / 3))
+            changed = self.P.comm.tompi4py().allreduce(local, op=MPI.SUM)
+        most = min(_MOST, _SHARE * self.P.getSize()[0] ** (2 / 3))
         if changed > (most if self.multigrid is None else 0):  # a cycle is cheap to make
             self._factorise(state)
 
     def _invert(self) -> None:
         """Inverses of A, normal and tangents apart, zero where held; symmetric parts of A^-1 B."""
         self.inverse, self.springs = np.zeros_like(self.A), np.zeros_like(self.A)
-        diagonal = self._diagonal.array_r[self.numbers]
+        diagonal = self.K.diagonal.array_r[self.numbers]
         for part in (np.s_[0:1], np.s_[1:]):
             free = np.flatnonzero(~self.held[:, part].any(axis=1))
             A, B = self.A[free, part, part], self.B[free, part, part]
@@ -135,12 +137,9 @@ class NewtonPreconditioner:
             self.springs[free, part, part] = 0.5 * (springs + springs.transpose(0, 2, 1))
 
     def _factorise(self, state: np.ndarray) -> None:
-        self.K.copy(self.P, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        low = self.P.getOwnershipRange()[0]
-        rows = (self.numbers + low).astype(np.int32)
-        set_blocks(self.P, rows, self.springs, PETSc.InsertMode.ADD_VALUES)
-        mean = self._diagonal.sum() / self._diagonal.getSize()
-        self.P.zeroRowsColumns(rows[self.held], diag=mean)
+        held = np.concatenate([self.fixed, self.numbers[self.held]])
+        self.K.hold(held, self.numbers, self.springs)
+        self.P.setOption(PETSc.Mat.Option.SPD, True)
         if self.multigrid is None:
             self._set_up()
         else:
@@ -168,11 +167,12 @@ class NewtonPreconditioner:
     def _make_cycle(self) -> None:
         """A multigrid cycle for P, whose corrections leave alone what is held, or nearly so."""
         springs = np.einsum("nii->ni", self.springs)
-        stiff = self.held | (springs > self._diagonal.array_r[self.numbers])
+        stiff = self.held | (springs > self.K.diagonal.array_r[self.numbers])
         with petsc_defaults(self.ksp.getOptionsPrefix(), CYCLE | self.options):
             self.ksp.setOperators(self.P)
             self.ksp.getPC().setType("mg")
-            self.multigrid.attach(self.ksp.getPC(), self.P, self.numbers[stiff])
+            held = np.concatenate([self.fixed, self.numbers[stiff]])
+            self.multigrid.attach(self.ksp.getPC(), self.K, held)
             self.ksp.setFromOptions()
             self.ksp.setUp()
 
@@ -184,7 +184,7 @@ class NewtonPreconditioner:
         held, at = self.held, np.zeros(self.numbers.shape)
         at[held] = right[held] / np.einsum("nii->ni", self.B)[held]
         known.array[self.numbers] = at
-        self.K.mult(known, work)
+        self.K.near.mult(known, work)
         work.aypx(-1.0, r)
         # Rows of K d = A^-1 (F - B d_known) - K d_known.
         rows = _times(self.inverse, right - _times(self.B, at))
@@ -192,24 +192,16 @@ class NewtonPreconditioner:
         work.array[self.numbers] = np.where(held, 0.0, own)
         self.ksp.solve(work, z)
         z.array[self.numbers[held]] = at[held]
+        z.array[self.fixed] = r.array_r[self.fixed]
         self.solves += 1
 
     def destroy(self, pc: PETSc.PC | None = None) -> None:
         """Free nothing with a single PC: the factorisation serves the next solution."""
 
     def free(self) -> None:
-        """Free P and its factorisation. Collective."""
-        for owned in (self.ksp, self.P, self._work, self._known, self._diagonal):
+        """Free the factorisation of P. Collective."""
+        for owned in (self.ksp, self._work, self._known):
             owned.destroy()
-
-
-def set_blocks(A: PETSc.Mat, rows: np.ndarray, blocks: np.ndarray, mode) -> None:
-    """Put dense blocks, (n, k, k), at global rows and columns, (n, k), and assemble. Collective."""
-    (n, k), rows = rows.shape, rows.astype(np.int32)
-    starts = np.arange(0, n * k * k + 1, k, dtype=np.int32)
-    columns = np.repeat(rows[:, None, :], k, axis=1).ravel()
-    A.setValuesIJV(starts, columns, blocks.ravel(), addv=mode, rowmap=rows.ravel())
-    A.assemble()
 
 
 def _times(blocks: np.ndarray, vectors: np.ndarray) -> np.ndarray:

@@ -18,10 +18,12 @@ from fenics_joints.machine.memory import give_back
 from fenics_joints.modal.options import given_options, last_line, petsc_defaults, reason_of
 from fenics_joints.preload.conditions import ContactPairs
 from fenics_joints.preload.contact_state import ContactState
+from fenics_joints.preload.front import beyond
 from fenics_joints.preload.hold import find_hold
 from fenics_joints.preload.model import PreloadModel
 from fenics_joints.preload.multigrid import ContactMultigrid
-from fenics_joints.preload.newton import NewtonMatrix, NewtonPreconditioner, set_blocks
+from fenics_joints.preload.newton import NewtonMatrix, NewtonPreconditioner
+from fenics_joints.preload.stiffness import Stiffness, set_blocks
 from fenics_joints.structure.faces import Interface
 from fenics_joints.structure.jumps import Jumps
 
@@ -97,11 +99,12 @@ class PreloadSolver:
 
     Attributes:
         solver: PETSc's SNES of the last solution.
-        K: The stiffness in x.
+        K: The stiffness in x, as a product: PETSc's Python matrix of ``stiffness``.
+        stiffness: What it is kept as.
         hold: What holds the free bodies.
         fixed: Global numbers of owned entries held at zero: pins, supports, bubbles.
+        pins: The same by local number.
         pairs: The pairs that this rank owns.
-        held: K with those entries held.
         multigrid: Coarse spaces of the bodies, for large models in space (see
             `fenics_joints.preload.multigrid`); None where Newton steps factorise, as all do after a
             step that multigrid has not solved.
@@ -128,20 +131,17 @@ class PreloadSolver:
         self._given_up = False
         if self._held_pc_type() == "mg":
             self.multigrid = ContactMultigrid(model, bodies, self.given)
-        self.K = model.stiffness(self.given, bodies=bodies)
-        bodies.destroy()
+        K = model.stiffness(self.given, bodies=bodies)
         if self.multigrid is not None:
             give_back()
-        self.hold = find_hold(model, self.K)
+        self.hold = find_hold(model, K)
         self.fixed = self._fixed()
-        if self.multigrid is not None:
-            self.multigrid.hold(model.jumps.local(self.fixed))
-        self.pairs = _pairs(model, self.K, penalty)
-        # Held entries: their row is x = 0. Their columns need not go, as x is zero there.
-        diagonal = self.K.getDiagonal()
-        self.held = self.K.copy()
-        mean = diagonal.sum() / diagonal.getSize()
-        self.held.zeroRowsColumns(self.fixed.astype(np.int32), diag=mean)
+        self.pairs = _pairs(model, K, penalty)
+        # Held entries: their row is x = 0.
+        self.pins = model.jumps.local(self.fixed)
+        self.stiffness = Stiffness(K, np.union1d(self.pins, self.pairs.numbers))
+        self.K = PETSc.Mat().createPython(K.getSizes(), self.stiffness, comm=K.comm)
+        self.K.setUp()
         self._left: PETSc.Mat | None = None
         self.newton: NewtonPreconditioner | None = None
         self.solver: PETSc.SNES | None = None
@@ -328,8 +328,17 @@ class PreloadSolver:
             prefix = self.prefix + "held_"
             given = {k[5:]: v for k, v in self.petsc_options.items() if k.startswith("held_")}
             options = {**_FACTOR, "pc_type": self._held_pc_type(), **given}
-            self.newton = NewtonPreconditioner(self.held, prefix, options, self.multigrid)
+            self.newton = NewtonPreconditioner(
+                self.stiffness, self.pins, prefix, options, self.multigrid
+            )
         return self.newton
+
+    @cached_property
+    def held(self) -> PETSc.Mat:
+        """K with the fixed entries held, assembled."""
+        held = self.stiffness.A.copy()
+        self.stiffness.hold(self.pins, A=held)
+        return held
 
     def combine(self, pairs: ContactPairs, A: np.ndarray, B: np.ndarray, out=None) -> PETSc.Mat:
         """The matrix A K + B, with blocks A and B, (n, gdim, gdim), at the pairs; A is 1 elsewhere.
@@ -374,7 +383,7 @@ class PreloadSolver:
 
     def destroy(self) -> None:
         """Free matrices and factorisations. Collective."""
-        for owned in (self.K, self.held, self._left, self.solver):
+        for owned in (self.K, self.stiffness, self.__dict__.get("held"), self._left, self.solver):
             if owned is not None:
                 owned.destroy()
         self.solver = None
@@ -402,7 +411,7 @@ class ContactResidual:
         self.system, self.pairs, self.load = system, pairs, load
         self.start, self.first, self.iterations = start, True, 0
         self.rows = load.duplicate()
-        self.pins = system.model.jumps.local(system.fixed)
+        self.closed, self.receding = np.ones(len(pairs.gap), dtype=bool), True
         self._norm = self._atol = None
         # A slip front in a thin strip walks one vertex in an iteration.
         self.patience = 100 if any(c.friction > 0 for c in system.model.contacts) else 40
@@ -424,8 +433,8 @@ class ContactResidual:
         """
         if self._atol is None:
             self._atol = snes.getTolerances()[1]
-        products = self.system.held.getDiagonal()
-        products.pointwiseMult(products, snes.getSolution())
+        products = self.load.duplicate()
+        products.pointwiseMult(self.system.stiffness.diagonal, snes.getSolution())
         least = min(_ROUND_OFF * products.norm(), _LEAST_ACCURATE * self.scale())
         atol = max(self._atol, least)
         snes.setTolerances(atol=atol)
@@ -434,16 +443,37 @@ class ContactResidual:
         products.destroy()
 
     def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
-        """Rows of K x - f; of held entries x itself, times a stiffness."""
-        self.system.held.mult(x, r)
+        """Rows of K x - f; of held entries x itself."""
+        pins = self.system.pins
+        self.system.K.mult(x, r)
         r.axpy(-1.0, self.load)
-        r.array[self.pins] += self.load.array_r[self.pins]
+        r.array[pins] = x.array_r[pins]
 
     def function(self, snes, x: PETSc.Vec, F: PETSc.Vec) -> None:
         """SNES's function."""
         self.residual(x, F)
-        left = self.pairs.equations(x.array_r, F.array_r.copy(), self.start)
+        rows = F.array_r.copy()
+        opened, _ = self.statuses(x, rows)
+        left = self.pairs.equations(x.array_r, rows, self.start, opened)
         F.array[self.pairs.numbers] = left
+
+    def statuses(self, x: PETSc.Vec, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs that are opened beyond those that pull, and those that are closed, as masks.
+
+        As long as no pair closes again: from there on Newton's own steps converge.
+        """
+        jumps, at = self.system.model.jumps, self.pairs.numbers[:, 0]
+        closed = self.start | (self.pairs.trial(x.array_r, rows)[0] > 0)
+        state, found = x.duplicate(), np.zeros(x.getLocalSize(), dtype=bool)
+        state.array[at] = 2 * self.closed + closed
+        for c in jumps.contacts if self.receding and not self.start else ():
+            numbers = jumps.numbers(c)[:, 0]
+            was, now = np.array(np.divmod(jumps.gather(state, numbers), 2)) > 0
+            self.receding &= not np.any(now & ~was)
+            jumps.put(found, numbers, beyond(c, was, now))
+        state.destroy()
+        opened = found[at] & self.receding
+        return opened, closed & ~opened
 
     def matrix(self) -> PETSc.Mat:
         """The Jacobian's matrix at the start, A K + B, with the pattern of its rows."""
@@ -452,7 +482,7 @@ class ContactResidual:
 
     def shell(self) -> PETSc.Mat:
         """The Jacobian as a product, of which nothing is assembled."""
-        return NewtonMatrix(self.system.held, self.pairs.numbers).matrix()
+        return NewtonMatrix(self.system.K, self.pairs.numbers, self.system.pins).matrix()
 
     def jacobian(self, snes, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         """SNES's Jacobian; the first one closes all contacts."""
@@ -460,7 +490,8 @@ class ContactResidual:
         # Where the step before ended in slip, a pair is at its limit but for round-off: whether it
         # goes on or sticks again is for the new load to say.
         slack = _AT_LIMIT if self.first else 0.0
-        A, B = self.pairs.tangent(x.array_r, self.rows.array_r, slack, self.start)
+        opened, self.closed = self.statuses(x, self.rows.array_r)
+        A, B = self.pairs.tangent(x.array_r, self.rows.array_r, slack, self.start, opened)
         self.start = self.first = False
         if P.getType() == "python":
             context = P.getPythonContext()

@@ -291,7 +291,7 @@ class Jumps:
     def _factor(self, group, whole: bool) -> PETSc.Mat:
         """The constraints of one group; rows over u or, if ``whole``, over x."""
         low, high = self.range
-        n_rows, rows_total = (self.n_local, self.n) if whole else (self._own, self.start)
+        n_rows = self.n_local if whole else self._own
         governed = np.zeros(n_rows, dtype=bool)
         triplets = []
         for _, slaves, _, rows in group:
@@ -304,11 +304,7 @@ class Jumps:
         i, j, v = _flat([*triplets, (plain, self.globals(plain), 1.0)])
         A = scipy.sparse.csr_matrix((v, (i, j)), shape=(n_rows, self.n))
         A.eliminate_zeros()
-        return PETSc.Mat().createAIJ(
-            ((n_rows, rows_total), (self.n_local, self.n)),
-            csr=(A.indptr.astype(np.int32), A.indices.astype(np.int32), A.data),
-            comm=self.comm,
-        )
+        return self._matrix(A)
 
     def _unused(self) -> np.ndarray:
         """Owned entries of x that no displacement depends on: their columns of T are empty."""
@@ -324,10 +320,48 @@ class Jumps:
     # -- use ---------------------------------------------------------------------------------
 
     def project(self, A: PETSc.Mat) -> PETSc.Mat:
-        """T^T A T, a matrix over x. Collective."""
-        # PETSc's PtAP takes four times as long where rows of T are averages of many.
-        right, transposed = A.matMult(self.T), self.T.transpose(PETSc.Mat())
-        return alone(transposed.matMult(right), right, transposed)
+        """T^T A T, a matrix over x, of one over u, which is freed. Collective."""
+        # T = E + G, where E is the identity and G has the rows g of governed displacements alone:
+        # E^T A E + G^T A_g T + E^T A^g G takes less time than two products, and half of the memory.
+        indptr, columns, values = self.T.getValuesCSR()
+        T = scipy.sparse.csr_matrix((values, columns, indptr), (self._own, self.n))
+        plain = self.globals(np.arange(self._own))
+        G = T - scipy.sparse.csr_matrix(
+            (np.ones(self._own), (np.arange(self._own), plain)), T.shape
+        )
+        G.eliminate_zeros()
+        own = np.flatnonzero(np.diff(G.indptr))
+        rows = PETSc.IS().createGeneral(plain[own].astype(PETSc.IntType), comm=self.comm)
+        every = PETSc.IS().createStride(self._own, self.range[0], 1, comm=self.comm)
+        G = self._matrix(G[own])
+        parts = A.createSubMatrix(rows, every), A.createSubMatrix(every, rows)
+        products = [parts[0].matMult(self.T), parts[1].matMult(G)]
+        change = G.transposeMatMult(products[0])
+        if self.n_extra:
+            A, products[1] = (self._widened(part) for part in (A, products[1]))
+        different = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+        change.axpy(1.0, products[1], different)
+        A.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        A.axpy(1.0, change, different)
+        for owned in (rows, every, G, change, *parts, *products):
+            owned.destroy()
+        return A
+
+    def _widened(self, A: PETSc.Mat) -> PETSc.Mat:
+        """A matrix with rows over u, which is freed, as one over x."""
+        indptr, columns, values = A.getValuesCSR()
+        A.destroy()
+        more = np.full(self.n_local - self._own, indptr[-1])
+        rows = (values, columns, np.concatenate([indptr, more]))
+        return self._matrix(scipy.sparse.csr_matrix(rows, (self.n_local, self.n)))
+
+    def _matrix(self, A: scipy.sparse.csr_matrix) -> PETSc.Mat:
+        """This rank's rows of a matrix whose columns are x."""
+        return PETSc.Mat().createAIJ(
+            ((A.shape[0], None), (self.n_local, self.n)),
+            csr=(A.indptr.astype(np.int32), A.indices.astype(np.int32), A.data),
+            comm=self.comm,
+        )
 
     def displacement(self, x: PETSc.Vec) -> fem.Function:
         """The displacement u = T x as a function."""

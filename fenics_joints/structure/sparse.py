@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -214,20 +214,31 @@ def row_pieces(A: PETSc.Mat, step: int) -> Iterator[tuple[int, scipy.sparse.csr_
     everything.destroy()
 
 
-def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
-    """Copy of A without its stored zeros.
+def filtered(A: PETSc.Mat, chosen: Callable) -> PETSc.Mat:
+    """Copy of some entries of A. Collective.
 
-    A consistent mass in DOLFINx's blocked pattern is two-thirds zeros.
+    Args:
+        A: The matrix.
+        chosen: Of the first row of some rows, and those rows: which of their entries, as a mask.
     """
     most, kept = int(np.diff(A.getOwnershipRanges()).max()), []
-    for _, rows in row_pieces(A, max(-(-most // _CHUNKS), 1)):
-        rows.eliminate_zeros()
-        kept.append(rows)
+    for low, rows in row_pieces(A, max(-(-most // _CHUNKS), 1)):
+        mask = chosen(low, rows)
+        at = np.concatenate([[0], np.cumsum(mask)])[rows.indptr]
+        kept.append(scipy.sparse.csr_matrix((rows.data[mask], rows.indices[mask], at), rows.shape))
     whole = scipy.sparse.vstack(kept, format="csr")
     pattern = (part.astype(PETSc.IntType) for part in (whole.indptr, whole.indices))
     lean = PETSc.Mat().createAIJ(A.getSizes(), csr=(*pattern, whole.data), comm=A.comm)
     lean.assemble()
     return lean
+
+
+def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
+    """Copy of A without its stored zeros.
+
+    A consistent mass in DOLFINx's blocked pattern is two-thirds zeros.
+    """
+    return filtered(A, lambda _, rows: rows.data != 0.0)
 
 
 #: Share of a sample in a sum, relative to the largest, and of an entry in the sum of the magnitudes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from fenics_joints.preload import (
     WasherForce,
     solve_preload,
 )
+from fenics_joints.preload.front import beyond
 from fenics_joints.structure import Spring, Support
 
 
@@ -340,6 +342,33 @@ def test_multigrid_takes_no_more_cycles_on_finer_meshes():
     solver, result = leaning(3, 1, "mg", held_mg_levels_ksp_max_it=0)
     assert solver.newton.multigrid is None
     assert result.complementarity < 1e-8
+
+
+def test_contact_opens_as_far_as_hertz_says():
+    """Hertz's line contact of half-width 90, held to 100, pulls from 95.1 on; to 90 it opens."""
+    x = np.arange(-150.0, 151.0)
+    line = SimpleNamespace(
+        points=np.column_stack([x, 0 * x]),
+        facets=np.column_stack([np.arange(300), np.arange(1, 301)]),
+    )
+    was = np.abs(x) < 100
+    now = was & (90**2 + 100**2 > 2 * x**2)
+    left = now & ~beyond(line, was, now)
+    assert abs(np.abs(x[left]).max() - 90) <= 2  # spacings
+    # What pulls far inside, while another edge stays, does not pull at an edge.
+    assert not beyond(line, was, was & ((x < -60) | (x > -40)) & (x < 30)).any()
+
+
+@pytest.mark.parallel
+def test_the_stiffness_multiplies_as_before_whatever_is_held():
+    solver, result = leaning(3, 2, "cholesky")
+    K, exact = solver.model.stiffness(), result.x.duplicate()
+    K.mult(result.x, exact)
+    found = solver.K * result.x
+    found.axpy(-1.0, exact)
+    assert found.norm() < 1e-10 * exact.norm()
+    assert solver.stiffness.A.getDiagonal().norm() != solver.stiffness.diagonal.norm()
+    K.destroy(), solver.destroy()
 
 
 @pytest.mark.parallel
