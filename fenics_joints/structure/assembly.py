@@ -36,6 +36,7 @@ from fenics_joints.structure.changes import (
     ShapeChange,
     add_changes,
 )
+from fenics_joints.structure.compiled import form_options
 from fenics_joints.structure.components import (
     ElasticSupport,
     Parameter,
@@ -620,7 +621,8 @@ class Assembly:
         if key not in self._slopes:
             whole = ufl.derivative(self._sum(which, *self.arguments), self.field.q, direction)
             form = ufl.algorithms.expand_derivatives(whole)
-            self._slopes[key] = form, fem.compile_form(self.comm, form)
+            compiled = fem.compile_form(self.comm, form, jit_options=form_options())
+            self._slopes[key] = form, compiled
         form, compiled = self._slopes[key]
         data = [(tag, np.intersect1d(own, cells)) for tag, own in self._alike]
         return fem.create_form(
@@ -699,7 +701,7 @@ class Assembly:
     def compiled(self, key, make: Callable[[], ufl.Form]) -> fem.Form:
         """A compiled form, kept under a key."""
         if key not in self._forms:
-            self._forms[key] = fem.form(make())
+            self._forms[key] = fem.form(make(), jit_options=form_options())
         return self._forms[key]
 
     @property
