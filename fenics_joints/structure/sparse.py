@@ -401,7 +401,11 @@ class SummedMatrices:
         """Keep the pattern of a matrix of all regions. Collective."""
         if self._like is None and self.assembly.n_dofs <= _MOST:
             self._like = A.duplicate(copy=False)
-            *self._pattern, _ = A.getValuesCSR()
+
+    @cached_property
+    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """Starts of rows and columns."""
+        return self._like.getValuesCSR()[:2]
 
     @cached_property
     def _many(self) -> bool:
