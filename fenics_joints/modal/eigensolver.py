@@ -187,13 +187,10 @@ class EigenSolver:
         """
         _check_pencil(K, M, start.shape[1], None)
         with self._options(K.comm):
-            A, ksp = self._factorised(K, M)
-            operator, X = Operator(ksp, M), start
-            try:
+            X = start
+            with self._factorised(K, M) as (A, operator):
                 for _ in range(_STEPS):
                     theta, X = refined(operator, product(A, X), X)
-            finally:
-                operator.destroy()
         shapes = vectors_like(K.createVecRight(), X.T)
         unknown = np.full(len(theta), np.nan)
         statistics = {"method": "inverse iteration", "solves": operator.columns}
@@ -202,8 +199,8 @@ class EigenSolver:
     def factorise(self, K: PETSc.Mat, M: PETSc.Mat) -> None:
         """Factorise ``K - shift M`` alone, for `inverse`; arguments and errors as of `solve`."""
         _check_pencil(K, M, self.n, None)
-        with self._options(K.comm):
-            self._factorised(K, M)
+        with self._options(K.comm), self._factorised(K, M):
+            pass
 
     def inverse(self, block: np.ndarray) -> np.ndarray:
         """``(K - shift M)^-1 block`` with the last factorisation. Collective.
@@ -243,57 +240,60 @@ class EigenSolver:
 
     def _shift_matrix(self, K: PETSc.Mat, M: PETSc.Mat) -> PETSc.Mat:
         """``A = K - shift M`` in the matrix of the last call, so that its analysis is kept."""
-        pattern = (K.getSize(), K.getInfo()["nz_used"], M.getInfo()["nz_used"])
-        same = K.comm.tompi4py().allreduce(pattern == self._pattern, op=MPI.LAND)
-        structure = PETSc.Mat.Structure
-        if not same:
+        pattern, kinds = (K.getSize(), K.getInfo()["nz_used"]), PETSc.Mat.Structure
+        if pattern == self._pattern:
+            more = self.shifted.getInfo()["nz_used"] > pattern[1]
+            K.copy(
+                self.shifted, kinds.SUBSET_NONZERO_PATTERN if more else kinds.SAME_NONZERO_PATTERN
+            )
+        else:
             if self.shifted is not None:
                 self.solver.getST().getKSP().reset()
                 self.shifted.destroy()
             self.shifted = K.duplicate(copy=True)
-            self.shifted.axpy(-self.shift, M, structure.UNKNOWN_NONZERO_PATTERN)
-        else:
-            self.shifted.zeroEntries()
-            self.shifted.axpy(1.0, K, structure.SUBSET_NONZERO_PATTERN)
-            self.shifted.axpy(-self.shift, M, structure.SUBSET_NONZERO_PATTERN)
+            self.shifted.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        # As if M had no entry where K has none: the few that it may have are put in.
+        self.shifted.axpy(-self.shift, M, kinds.SUBSET_NONZERO_PATTERN)
         self.shifted.setOption(PETSc.Mat.Option.SPD, True)
         self._pattern = pattern
         return self.shifted
 
-    def _factorised(self, K, M) -> tuple[PETSc.Mat, PETSc.KSP]:
-        """``K - shift M`` and what solves with it."""
-        A, ksp = self._shift_matrix(K, M), self.solver.getST().getKSP()
-        ksp.setOperators(A)
-        ksp.setFromOptions()
+    @contextmanager
+    def _factorised(self, K, M) -> Iterator[tuple[PETSc.Mat, Operator]]:
+        """``K - shift M``, and the operator with its factorisation for a while."""
+        ksp = self.solver.getST().getKSP()
+        operator = Operator(ksp, M)
         advice = (
             "K - shift M could not be factorised: is K symmetric positive semi-definite, "
             "and the shift below zero for a free body?"
         )
         try:
-            ksp.setUp()
-            give_room(ksp)
-        except PETSc.Error as error:
-            self._pattern = None
-            raise ConvergenceError(advice, str(error)) from error
-        if ksp.getPC().getFailedReason():
-            # PETSc would leave MUMPS's failed factor as it is: the next solution begins anew.
-            self._pattern = None
-            raise ConvergenceError(advice, reason_of(ksp.getPC()))
-        return A, ksp
+            A = self._shift_matrix(K, operator.lean)
+            ksp.setOperators(A)
+            ksp.setFromOptions()
+            try:
+                ksp.setUp()
+                give_room(ksp)
+            except PETSc.Error as error:
+                self._pattern = None
+                raise ConvergenceError(advice, str(error)) from error
+            if ksp.getPC().getFailedReason():
+                # PETSc would leave MUMPS's failed factor as it is: the next solution begins anew.
+                self._pattern = None
+                raise ConvergenceError(advice, reason_of(ksp.getPC()))
+            yield A, operator
+        finally:
+            operator.destroy()
 
     def _solve_block(self, K, M, initial):
-        A, ksp = self._factorised(K, M)
-        operator = Operator(ksp, M)
         size = K.getSize()[0]
         block = min(self.block or _default_block(self.n, initial), size)
         largest = min(max(self.max_basis or 0, self.n + 6 * block), size)
         start = _start(M, block, initial)
-        try:
+        with self._factorised(K, M) as (A, operator):
             args = operator, start, self.n, self.tol, largest, self.max_restarts
             theta, X, basis = lanczos(*args)
             R = product(A, X) - operator.mass(X) / theta
-        finally:
-            operator.destroy()
         stats = {
             "method": "block Lanczos",
             "solves": operator.columns,
@@ -380,18 +380,21 @@ def _check_pencil(K: PETSc.Mat, M: PETSc.Mat, n: int, initial) -> None:
 
 
 class Operator:
-    """``X -> (A^-1 X, M X)`` on blocks of local columns, shape (local rows, columns)."""
+    """``X -> (A^-1 X, M X)`` on blocks of local columns, shape (local rows, columns).
+
+    ``lean`` is M without stored zeros.
+    """
 
     def __init__(self, ksp: PETSc.KSP, M: PETSc.Mat):
-        self._ksp, self._mass = ksp, without_zeros(M)
+        self._ksp, self.lean = ksp, without_zeros(M)
         self.comm = M.comm.tompi4py()
         self.calls = self.columns = 0
         self._work: dict[int, tuple[PETSc.Mat, PETSc.Mat, PETSc.Mat]] = {}
 
     def _buffers(self, columns: int):
         if columns not in self._work:
-            right, left = dense_block(self._mass, columns), dense_block(self._mass, columns)
-            self._work[columns] = (right, left, self._mass.matMult(left))
+            right, left = dense_block(self.lean, columns), dense_block(self.lean, columns)
+            self._work[columns] = (right, left, self.lean.matMult(left))
         return self._work[columns]
 
     def solve(self, block: np.ndarray) -> np.ndarray:
@@ -402,7 +405,7 @@ class Operator:
     def mass(self, block: np.ndarray) -> np.ndarray:
         _, left, product = self._buffers(block.shape[1])
         left.getDenseArray()[:] = block
-        self._mass.matMult(left, result=product)
+        self.lean.matMult(left, result=product)
         return product.getDenseArray().copy(order="F")
 
     def dot(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -414,7 +417,7 @@ class Operator:
             for mat in mats:
                 mat.destroy()
         self._work = {}
-        self._mass.destroy()
+        self.lean.destroy()
 
 
 def _solved(ksp: PETSc.KSP, right: PETSc.Mat, left: PETSc.Mat, block: np.ndarray) -> np.ndarray:
@@ -445,7 +448,8 @@ def lanczos(op: Operator, start, n: int, tol: float, largest: int, max_restarts:
         k, last = k + w, slice(k, k + w)
         V[:, last], MV[:, last] = W, MW
         W = op.solve(MW)
-        T[:k, last] = _project(op, V[:, :k], MV[:, :k], W)
+        T[:k, last] = H = op.dot(MV[:, :k], W)
+        W -= V[:, :k] @ H
         T[last, :k] = T[:k, last].conj().T
         theta, Y = _eigh(T[:k, :k])
         theta, Y = theta[::-1], Y[:, ::-1]
@@ -509,16 +513,6 @@ def refined(op: Operator, image: np.ndarray, start: np.ndarray) -> tuple[np.ndar
     theta, Y = theta[::-1][:count], Y[:, ::-1][:, :count]
     _check_spread(theta)
     return theta, both @ (Q @ Y / np.sqrt(theta) / size[:, None])
-
-
-def _project(op: Operator, V, MV, W) -> np.ndarray:
-    """Make W M-orthogonal to V in place, twice; returns the coefficients."""
-    total = 0.0
-    for _ in range(2):
-        H = op.dot(MV, W)
-        W -= V @ H
-        total = total + H
-    return total
 
 
 def _orthonormalise(op: Operator, W, MW, scale: float, V=None, MV=None):

@@ -27,6 +27,7 @@ from ufl.corealg.traversal import unique_pre_traversal
 from fenics_joints._compat import entity_nodes
 from fenics_joints.errors import InputError, MeshError, items, real, wanted, whole
 from fenics_joints.forms import circumference
+from fenics_joints.machine.c_code import form_options
 from fenics_joints.meshes.tagged import TaggedMesh, limits
 from fenics_joints.structure.changes import (
     Change,
@@ -620,7 +621,8 @@ class Assembly:
         if key not in self._slopes:
             whole = ufl.derivative(self._sum(which, *self.arguments), self.field.q, direction)
             form = ufl.algorithms.expand_derivatives(whole)
-            self._slopes[key] = form, fem.compile_form(self.comm, form)
+            compiled = fem.compile_form(self.comm, form, jit_options=form_options())
+            self._slopes[key] = form, compiled
         form, compiled = self._slopes[key]
         data = [(tag, np.intersect1d(own, cells)) for tag, own in self._alike]
         return fem.create_form(
@@ -699,7 +701,7 @@ class Assembly:
     def compiled(self, key, make: Callable[[], ufl.Form]) -> fem.Form:
         """A compiled form, kept under a key."""
         if key not in self._forms:
-            self._forms[key] = fem.form(make())
+            self._forms[key] = fem.form(make(), jit_options=form_options())
         return self._forms[key]
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -234,11 +235,20 @@ def filtered(A: PETSc.Mat, chosen: Callable) -> PETSc.Mat:
 
 
 def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
-    """Copy of A without its stored zeros.
+    """Copy of A without its stored zeros. Collective.
 
     A consistent mass in DOLFINx's blocked pattern is two-thirds zeros.
     """
-    return filtered(A, lambda _, rows: rows.data != 0.0)
+    library = ctypes.CDLL(PETSc.__file__)  # petsc4py has no call for it, PETSc since 3.20
+    if not hasattr(library, "MatEliminateZeros"):
+        return filtered(A, lambda _, rows: rows.data != 0.0)
+    whole = A.duplicate(copy=True)
+    error = library.MatEliminateZeros(ctypes.c_void_p(whole.handle), ctypes.c_int(False))
+    if error:
+        raise PETSc.Error(error)
+    lean = whole.duplicate(copy=True)  # in memory of its own size
+    whole.destroy()
+    return lean
 
 
 #: Share of a sample in a sum, relative to the largest, and of an entry in the sum of the magnitudes
@@ -424,7 +434,11 @@ class SummedMatrices:
         """Keep the pattern of a matrix of all regions. Collective."""
         if self._like is None and self.assembly.n_dofs <= _MOST:
             self._like = A.duplicate(copy=False)
-            *self._pattern, _ = A.getValuesCSR()
+
+    @cached_property
+    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """Starts of rows and columns."""
+        return self._like.getValuesCSR()[:2]
 
     @cached_property
     def _many(self) -> bool:
