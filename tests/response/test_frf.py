@@ -293,7 +293,8 @@ def test_two_ranks_agree():
         solve_complex_modes(plates(comm), damping=LAYER, n_modes=10)
         for comm in (MPI.COMM_SELF, MPI.COMM_WORLD)
     ]
-    assert both[1].eigenvalues == pytest.approx(both[0].eigenvalues, rel=1e-8)
+    # The layer's round-off is some 1e-8 of the lowest.
+    assert both[1].eigenvalues == pytest.approx(both[0].eigenvalues, rel=1e-7)
 
 
 def test_bad_input_is_named():
