@@ -83,9 +83,13 @@ def _growth(key: str, rows: str) -> Callable[[dict], float]:
     return lambda found: max(row[key] for row in found[rows]) / min(row[key] for row in found[rows])
 
 
-def _listed(key: str, rows: str) -> Callable[[dict], str]:
-    """A number of each size."""
-    return lambda found: "; ".join(f"{row['dofs']:,} DOFs: {row[key]:.3g}" for row in found[rows])
+def _listed(key: str, rows: str, unit: str = "") -> Callable[[dict], str]:
+    """A number of each size, and its unit."""
+
+    def listed(found: dict) -> str:
+        return "; ".join(f"{row['dofs']:,} DOFs: {row[key]:.3g}" for row in found[rows]) + unit
+
+    return listed
 
 
 def _exponent(found: dict) -> float:
@@ -148,7 +152,7 @@ ROWS = {
         "",
         _exponent,
         "< 1.3",
-        lambda found: _listed("wall", "sizes")(found) + " s",
+        _listed("wall", "sizes", " s"),
         enters=True,
     ),
     "contact_iterations": Row(
@@ -166,7 +170,7 @@ ROWS = {
         "",
         lambda found: found["sizes"][-1]["megabytes"] * 1e3 / found["sizes"][-1]["dofs"] / 8.0,
         "< 1",
-        lambda found: _listed("megabytes", "sizes")(found) + " MB",
+        _listed("megabytes", "sizes", " MB"),
         enters=True,
     ),
     "multigrid": Row(
@@ -193,7 +197,7 @@ ROWS = {
         "",
         lambda found: found["runs"][-1]["process_gib"] / 20.0,
         "< 1",
-        lambda found: _listed("process_gib", "runs")(found) + " GiB",
+        _listed("process_gib", "runs", " GiB"),
         enters=True,
     ),
     "multigrid_time": Row(
@@ -202,7 +206,7 @@ ROWS = {
         "",
         lambda found: found["runs"][-1]["wall_seconds"] / 2400.0,
         "< 1",
-        lambda found: _listed("wall_seconds", "runs")(found) + " s",
+        _listed("wall_seconds", "runs", " s"),
         enters=True,
     ),
     "gradient": Row(
