@@ -87,7 +87,7 @@ def _listed(key: str, rows: str, unit: str = "") -> Callable[[dict], str]:
     """A number of each size, and its unit."""
 
     def listed(found: dict) -> str:
-        return "; ".join(f"{row['dofs']:,} DOFs: {row[key]:.3g}" for row in found[rows]) + unit
+        return "; ".join(f"{row['dofs']:,} DOFs: {row[key]:,.4g}" for row in found[rows]) + unit
 
     return listed
 
