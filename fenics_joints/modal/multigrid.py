@@ -6,9 +6,10 @@ mesh span a subspace with a quarter of the DOFs, and are assembled anew. GAMG ma
 of it, with the rigid-body motions as the near null space (Vaněk, Mandel and Brezina, Computing 56,
 1996). The cycle over its levels is our own, as PETSc's takes one column after the other.
 
-A thin layer that is stiffer than the parts bends at little energy, which degree 1 cannot, and holds
-its nodes together, which Gauss-Seidel takes one by one. On the nodes of such joints alone, a sheet,
-A is therefore factorised, and solved before and after the coarse level.
+A thin layer that is stiffer than a part bends at little energy, which degree 1 cannot, and holds
+its nodes together, which Gauss-Seidel takes one by one. What its stiffness has beyond the part's
+therefore resists strains in its plane alone with degree 1. And on the nodes of such joints, a
+sheet, A is factorised, and solved before and after the coarse level.
 
 The large level smooths with K alone. A differs from it by what the shift gives the rigid motions,
 and these are the matter of the coarse levels.
@@ -17,8 +18,10 @@ and these are the matter of the coarse levels.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
+import ufl
 from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
@@ -29,6 +32,8 @@ from fenics_joints.meshes.tagged import limits
 from fenics_joints.modal.blocks import WIDTH, Rows, SymmetricBlocks
 from fenics_joints.modal.options import petsc_defaults
 from fenics_joints.modal.rigid import rigid_motions
+from fenics_joints.structure.components import Parameter, Region
+from fenics_joints.structure.laws import Law
 from fenics_joints.structure.points import node_positions
 from fenics_joints.structure.sparse import dense_block, row_pieces, vectors_like, without_zeros
 from fenics_joints.structure.structure import Structure
@@ -62,7 +67,9 @@ class Multigrid:
 
     def __init__(self, structure: Structure, petsc_options: Mapping[str, object]):
         self.structure, self.options = structure, {**_GAMG, **petsc_options}
-        self.coarse = structure.coarser() if structure.degree > 1 else structure
+        self.coarse = structure
+        if structure.degree > 1:
+            self.coarse = structure.coarser(*_softer_across(structure))
         self.solver: PETSc.KSP | None = None
         self._matrix: PETSc.Mat | None = None
         self._prolongation: Rows | None = None
@@ -90,6 +97,8 @@ class Multigrid:
         """
         self._forget()
         self._joints = joints
+        if self.coarse is not self.structure:
+            given = {**(given or {}), **_in_plane(self.structure)}
         self._matrix = self.coarse.stiffness(given)
         M = self.coarse.mass(given)
         self._matrix.axpy(-shift, M, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
@@ -223,15 +232,11 @@ class StiffJoints:
     @staticmethod
     def rows(structure: Structure) -> np.ndarray:
         """Which of this rank's DOFs they are with the properties of now, (n_local,)."""
-        terms = [
-            np.max(np.abs(region.law.stiffness_terms(structure.field.means(i))))
-            for i, region in enumerate(structure.regions)
-        ]
-        parts = [t for t, r in zip(terms, structure.regions, strict=True) if not r.is_joint]
+        share = _in_plane(structure)
         marked = fem.Function(structure.V)
         blocks = marked.x.array.reshape(-1, structure.gdim)
-        for t, (region, cells) in zip(terms, structure.field.regions, strict=True):
-            if region.is_joint and t > min(parts, default=np.inf):
+        for region, cells in structure.field.regions:
+            if share.get(_name(region), 0.0) > 0.0:
                 blocks[structure.V.dofmap.list[cells]] = 1.0
         marked.x.scatter_reverse(la.InsertMode.add)
         return marked.x.array[: structure.n_local] > 0.0
@@ -249,6 +254,62 @@ class StiffJoints:
         """Free it."""
         for owned in (self._right, self._left, self._ksp):
             owned.destroy()
+
+
+def _name(region: Region) -> str:
+    """Of the parameter of degree 1: the share of a joint's stiffness for strains in its plane."""
+    return f"{region.name}.in_plane"
+
+
+def _in_plane(structure: Structure) -> dict[str, float]:
+    """These shares with the properties of now: what is beyond the softest part's stiffness."""
+    terms = [
+        np.max(np.abs(region.law.stiffness_terms(structure.field.means(i))))
+        for i, region in enumerate(structure.regions)
+    ]
+    pairs = list(zip(structure.regions, terms, strict=True))
+    least = min((t for region, t in pairs if not region.is_joint), default=np.inf)
+    return {_name(region): max(1.0 - least / t, 0.0) for region, t in pairs if region.is_joint}
+
+
+def _softer_across(structure: Structure) -> tuple[list[Region], list[Parameter]]:
+    """Regions whose joints have shares of their stiffness for strains in the plane alone, and the
+    parameters of these shares."""
+    regions, shares = [], []
+    for region in structure.regions:
+        if region.is_joint:
+            shares.append(Parameter(_name(region), 0.0, log=False))
+            properties = {**region.properties, "in_plane": _name(region)}
+            region = replace(region, law=_softened(region.law), properties=properties)
+        regions.append(region)
+    return regions, shares
+
+
+def _softened(law: Law) -> Law:
+    """A joint's law with the property ``in_plane``."""
+
+    def stiffness(u, v, q, normal, dx) -> ufl.Form:
+        whole = law.stiffness(u, v, q, normal, dx)
+        P = ufl.Identity(len(normal)) - ufl.outer(normal, normal)
+        flat = ufl.replace(whole, {ufl.grad(w): P * ufl.grad(w) * P for w in (u, v)})
+        parts = (1 - q["in_plane"], whole), (q["in_plane"], flat)
+        return sum(
+            (ufl.Form([i.reconstruct(c * i.integrand()) for i in f.integrals()]) for c, f in parts),
+            ufl.Form([]),
+        )
+
+    def terms(q) -> np.ndarray:
+        share, own = np.asarray(q["in_plane"]), law.stiffness_terms(q)
+        return np.concatenate([(1 - share) * own, share * own])
+
+    return replace(
+        law,
+        properties=(*law.properties, "in_plane"),
+        stiffness=stiffness,
+        stiffness_terms=terms,
+        samples=tuple({**q, "in_plane": share} for share in (0.0, 1.0) for q in law.samples),
+        check=lambda name, q: law.check(name, {key: q[key] for key in law.properties}),
+    )
 
 
 def _smooth(A: SymmetricBlocks, B: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:

@@ -23,7 +23,7 @@ from fenics_joints.meshes.rings import ring_names
 from fenics_joints.meshes.tagged import limits
 from fenics_joints.structure.assembly import Assembly
 from fenics_joints.structure.changes import Change, change_slopes
-from fenics_joints.structure.components import Parameter, number, slopes
+from fenics_joints.structure.components import Parameter, Region, number, slopes
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.grids import cell_grid, cell_volumes, corner_motion, pyvista
 from fenics_joints.structure.points import PointRows, Sensors, observe
@@ -50,9 +50,16 @@ class Structure(Assembly):
             f"{self.n_dofs} DOFs)"
         )
 
-    def coarser(self) -> Structure:
-        """The same structure with displacements of degree 1, for multigrid."""
-        return self._again(1)
+    def coarser(
+        self, regions: Sequence[Region] | None = None, more: Sequence[Parameter] = ()
+    ) -> Structure:
+        """The same structure with displacements of degree 1, for multigrid.
+
+        Args:
+            regions: In the place of its own, if they are to be others.
+            more: Parameters that these take besides.
+        """
+        return self._again(1, more, regions=self.regions if regions is None else regions)
 
     def finer(self) -> Structure | None:
         """The same structure on the same mesh with displacements of one degree more; None beyond

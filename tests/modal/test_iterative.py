@@ -93,10 +93,13 @@ def test_a_soft_thin_layer_between_flat_cells_costs_few_iterations():
 
 
 @pytest.mark.parallel
-def test_a_layer_of_any_stiffness_costs_few_iterations():
-    for stiffness in (1e-3, 1.0, 1e3):  # of the plates' modulus
-        found = compare(plates(stiffness * 69e9), 10, rel=1e-7)  # K's spread grows with it
-        assert found.statistics["iterations"] <= 30
+def test_a_layer_of_any_stiffness_costs_as_many_iterations():
+    found = [
+        # K's spread grows with it.
+        compare(plates(stiffness * 69e9), 10, rel=1e-7).statistics["iterations"]
+        for stiffness in (1e-3, 1.0, 1e3)  # of the plates' modulus
+    ]
+    assert max(found) <= 1.3 * min(found)
 
 
 @pytest.mark.parallel
