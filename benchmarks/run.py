@@ -277,6 +277,18 @@ ROWS = {
         ),
         enters=True,
     ),
+    "commands": Row(
+        "Commands on two ranks: time on one over that on two, the least of them",
+        "run.py --as commands",
+        "",
+        lambda found: min(each["one"] / each["two"] for each in found.values()),
+        "> 1.7",
+        lambda found: "; ".join(
+            f"{name} {each['one'] / each['two']:.2f} ({each['one']:.0f} s)"
+            for name, each in found.items()
+        ),
+        enters=True,
+    ),
     "diagnose": Row(
         "The same with a kept model, on one rank: processor seconds over 20",
         "run.py --as diagnose",
@@ -329,13 +341,39 @@ def diagnose(given: str | None) -> dict:
         return {name: run(command, ROOT, threads(1)) for name, command in sides.items()}
 
 
+#: Commands that several ranks share, with models that take some half a minute.
+SHARED = {
+    "modes": "modes demos/engraving_machine --set mesh.element_size='45 mm'",
+    "preload": "preload demos/half_lap_beam/contact.toml --set mesh.n_lap=40 --set mesh.n_width=10",
+    "harmonic": "harmonic demos/half_lap_beam/slipping.toml",
+    "sweep": "database sweep --bolt M12 --force '25, 50 kN' --thickness '15, 25 mm'",
+    "posterior": "update demos/bolted_beams --bayes",
+}
+
+
+def commands(given: str | None) -> dict:
+    """Each of `SHARED` on one rank and on two; before, on one to compile."""
+    found = {}
+    for name, words in SHARED.items():
+        with tempfile.TemporaryDirectory() as folder:
+
+            def once(ranks: int, at: str, words=words, folder=folder) -> float:
+                own = [*launcher(given), "fenics-joints", *shlex.split(words)]
+                own += ["--db", str(Path(folder) / at)] if "sweep" in own else []
+                return run([*own, "--ranks", str(ranks)], ROOT, threads(1))["wall"]
+
+            once(1, "compiles.db")
+            found[name] = {"one": once(1, "one.db"), "two": once(2, "two.db")}
+    return found
+
+
 def start(given: str | None) -> dict:
     """Ten starts of the command, from within FEniCSx' environment."""
     command = ["fenics-joints", "--help"]
     return {"seconds": [run(command, ROOT, threads(1))["wall"] for _ in range(10)]}
 
 
-ROLES = {"diagnose": diagnose, "start": start}
+ROLES = {"diagnose": diagnose, "commands": commands, "start": start}
 
 
 def table(results: dict) -> str:

@@ -18,6 +18,7 @@ from fenics_joints.commands.arguments import (
     CaseOptions,
     VtxOption,
     file_option,
+    use_cores,
 )
 from fenics_joints.commands.database import app as database_app
 from fenics_joints.commands.line import new_app
@@ -243,7 +244,7 @@ def _command(
         )
     if given.formats != FORMATS and given.out is None:
         raise typer.BadParameter("chooses what --out writes; expected --out", param_hint="--format")
-    _in_ranks(given.ranks)
+    use_cores()
     with guarded(given.debug):
         from mpi4py import MPI
 
@@ -276,18 +277,6 @@ def _command(
             outcome = getattr(commands, name)(case, comm, progress, **options)
             finish = written(comm, command, outcome, given, progress, run, notes)
         finish()
-
-
-def _in_ranks(asked: int | None) -> None:
-    """Run the command on the cores of the machine, and end as it did, unless this is a rank."""
-    number = (asked or min(ranks.cores(), ranks.MOST)) if ranks.may_start() else 1
-    if number == 1:
-        return
-    end = ranks.run_on(number)
-    if isinstance(end, int):
-        raise typer.Exit(end)
-    if loudness() != "quiet":
-        typer.echo(f"note: one rank computes, not {number}: {end}", err=True)
 
 
 def _check_size(comm, case: Case, name: str, options: dict, large: bool) -> None:

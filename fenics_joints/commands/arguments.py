@@ -11,7 +11,7 @@ import click
 import typer
 from typer.core import TyperOption
 
-from fenics_joints.machine.ranks import MOST, VARIABLE
+from fenics_joints.machine import ranks
 from fenics_joints.progress import loudness
 
 #: What `--out` writes, by the format.
@@ -86,21 +86,23 @@ class CaseOptions:
 
 
 def case_options(name: str | None, params: Sequence[click.Parameter]) -> Iterator[TyperOption]:
-    """The options of `CaseOptions` and ``--allow-code``, for a command that reads a case."""
-    if not any(param.name == "case" for param in params):
-        return
-    if name != "check":  # all others compute
+    """The options of `CaseOptions` and ``--allow-code``, for a command that reads a case; of them
+    ``--ranks`` for the sweep."""
+    reads = any(param.name == "case" for param in params)
+    if name == "sweep" or (reads and name != "check"):  # the others compute nothing
         yield TyperOption(
             param_decls=["--ranks"],
             expose_value=False,
             callback=_keep,
             type=click.IntRange(min=1),
             metavar="N",
-            envvar=VARIABLE,
+            envvar=ranks.VARIABLE,
             show_envvar=False,
-            help=f"Processes that compute; by default one per core, at most {MOST}, or as "
-            f"{VARIABLE} of the environment says. mpirun and batch systems start their own.",
+            help=f"Processes that compute; by default one per core, at most {ranks.MOST}, or as "
+            f"{ranks.VARIABLE} of the environment says. mpirun and batch systems start their own.",
         )
+    if not reads:
+        return
     several = f"With --out: {', '.join(FORMATS)}, or some of them with commas; all by default."
     files = {"type": click.types.FuncParamType(named_path)}
     flag = {"is_flag": True, "default": False}
@@ -144,3 +146,16 @@ def _formats(text: str) -> list[str]:
     if unknown := [name for name in names if name not in FORMATS]:
         raise typer.BadParameter(f"{unknown[0]!r}: expected {', '.join(FORMATS)}")
     return [name for name in FORMATS if name in names]
+
+
+def use_cores() -> None:
+    """Run the command on the cores of the machine, and end as it did, unless this is a rank."""
+    asked = CaseOptions.given().ranks
+    number = (asked or min(ranks.cores(), ranks.MOST)) if ranks.may_start() else 1
+    if number == 1:
+        return
+    end = ranks.run_on(number)
+    if isinstance(end, int):
+        raise typer.Exit(end)
+    if loudness() != "quiet":
+        typer.echo(f"note: one rank computes, not {number}: {end}", err=True)

@@ -10,8 +10,9 @@ from typing import Annotated
 
 import typer
 
-from fenics_joints.commands.arguments import DebugOption, file_option, tell
+from fenics_joints.commands.arguments import DebugOption, file_option, tell, use_cores
 from fenics_joints.commands.line import new_app
+from fenics_joints.machine import ranks
 
 app = new_app(
     "database",
@@ -177,14 +178,16 @@ def sweep(
     plate_radius, upper_thickness, E, nu, penalty, size, degree, P_lim (SI units; all are in
     fenics_joints.database.analysis.BoltedPlates).
 
-    Under mpirun the ranks share the samples. Started again after an interruption, it computes only
-    what was not finished. Exit code 1 if a sample failed.
+    The ranks share the samples. Started again after an interruption, it computes only what was not
+    finished. Exit code 1 if a sample failed.
     """
     from fenics_joints.parallel import guarded
 
+    use_cores()
     with guarded(debug):
         from mpi4py import MPI
 
+        ranks.join(MPI.COMM_WORLD.rank, MPI.COMM_WORLD.size)
         from fenics_joints.database import Store, grid
         from fenics_joints.database import sweep as run_sweep
         from fenics_joints.machine import form_cache
