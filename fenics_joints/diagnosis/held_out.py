@@ -405,8 +405,7 @@ def cross_validate(
             progress()
         return found
 
-    # A fit to all data is a starting point, and costs a fold nothing.
-    opened = [f for f in library.shared(comm, masks, work, starts=candidates) if f is not None]
+    opened = [f for f in library.shared(comm, masks, work) if f is not None]
     if not opened:
         return Shrinkage()
     return _pooled(*map(list, zip(*opened, strict=True)), int(evidence.used.sum()))

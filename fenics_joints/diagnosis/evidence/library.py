@@ -62,6 +62,10 @@ _LOOKED, _OFF = 3, 0.5
 _REMEMBERED, _SAME_CELL = 64, 2.0
 
 
+#: Points, (n, p), predictions, (n, N), and their derivatives, (n, N, p).
+Solved = tuple[np.ndarray, ...]
+
+
 def _same(result):
     return result
 
@@ -120,8 +124,10 @@ class Library(HypothesisPredictor):
         self.floor = -np.inf
         self._states: dict[str, States] = {}
         self._nothing: tuple[np.ndarray, np.ndarray] | None = None
-        #: Points, predictions and derivatives of each hypothesis that one task solved for.
-        self._solved: dict[str, tuple[np.ndarray, ...]] = {}
+        #: Points, predictions and derivatives that were solved for, by hypothesis: those that all
+        #: ranks know, and those of the task that is at work.
+        self._solved: dict[str, Solved] = {}
+        self._new: dict[str, Solved] = {}
 
     # -- states --------------------------------------------------------------------------------
 
@@ -174,8 +180,6 @@ class Library(HypothesisPredictor):
         work: Callable[[Task], Result],
         pack: Callable[[Result], object] = _same,
         unpack: Callable[[Task, object], Result] = _second,
-        *,
-        starts: Sequence[Fit] = (),
     ) -> list[Result]:
         """`fenics_joints.parallel.spread` of work with this library, whose results do not depend
         on the rank: each task starts from what all ranks know. Collective.
@@ -186,31 +190,30 @@ class Library(HypothesisPredictor):
             work: See there.
             pack: See there.
             unpack: See there.
-            starts: Fits from whose points their hypotheses may start.
         """
-        known, at = self._lacking, {}
-        for f in starts:
-            if np.isfinite(f.predicted).all():
-                own = f.z[None], f.predicted[None], f.jacobian[None]
-                at[f.hypothesis.label_of_keys] = own
+        lacking, solved = self._lacking, self._solved
 
-        def one(task: Task) -> tuple[Result, dict[str, tuple[np.ndarray, ...]]]:
-            self._lacking, self._solved = dict(known), dict(at)
+        def one(task: Task):
+            self._lacking, self._solved, self._new = dict(lacking), dict(solved), {}
             result = work(task)
-            new = {key: z for key, z in self._lacking.items() if z is not known.get(key)}
-            self._lacking, self._solved = known, {}
-            return result, new
+            more = {key: z for key, z in self._lacking.items() if z is not lacking.get(key)}
+            return result, more, self._new
 
         found = spread(
             comm,
             tasks,
             one,
-            lambda both: (pack(both[0]), both[1]),
-            lambda task, both: (unpack(task, both[0]), both[1]),
+            lambda all_: (pack(all_[0]), *all_[1:]),
+            lambda task, all_: (unpack(task, all_[0]), *all_[1:]),
         )
-        for _, new in found:
-            known.update(new)
-        return [result for result, _ in found]
+        self._lacking, self._solved, self._new = lacking, solved, {}
+        for _, more, new in found:
+            lacking.update(more)
+            for key in more:  # what was solved for on the basis before
+                solved.pop(key, None)
+            for key, points in new.items():
+                solved[key] = _with_points(solved.get(key), points)
+        return [result for result, _, _ in found]
 
     def with_forward(self, forward) -> Library:
         """The same for a better model; states stay, since they only say which cells to solve for.
@@ -450,7 +453,8 @@ class Library(HypothesisPredictor):
             if not np.abs(off[0]) > _OFF:  # nan: neither has such modes
                 break
             self.enrich(h, found.peak.at)
-            self._solved.pop(h.label_of_keys, None)
+            for points in (self._solved, self._new):
+                points.pop(h.label_of_keys, None)
         return found
 
     def _refined(
@@ -597,19 +601,17 @@ class Library(HypothesisPredictor):
         return cells
 
     def _remember(self, h: Hypothesis, at, data, slopes) -> None:
-        good = np.isfinite(data).all(1)
-        new = at[good], data[good], slopes[good]
-        old = self._solved.get(h.label_of_keys)
-        if old is not None:
-            new = [np.concatenate(pair)[-_REMEMBERED:] for pair in zip(old, new, strict=True)]
-        self._solved[h.label_of_keys] = new
+        key, good = h.label_of_keys, np.isfinite(data).all(1)
+        self._new[key] = _with_points(self._new.get(key), (at[good], data[good], slopes[good]))
 
     def _recalled(self, h, cells: PriorCells, test: Evidence, lower, exact) -> np.ndarray:
         """Costs of cells, (n,), after each took the best of the remembered points if it gains."""
         now = _costs(cells, test, lower)
-        if h.label_of_keys not in self._solved:
+        known = [points.get(h.label_of_keys) for points in (self._solved, self._new)]
+        known = [points for points in known if points is not None]
+        if not known:
             return now
-        at, data, slopes = self._solved[h.label_of_keys]
+        at, data, slopes = map(np.concatenate, zip(*known, strict=True))
         white = whiten(lower, (data - test.data)[:, test.fitted].T)
         width = np.where(cells.width > 0, cells.width, 1.0)
         away = (at - cells.mean[:, None]) / width[:, None]
@@ -746,6 +748,12 @@ class Library(HypothesisPredictor):
         more = value - before
         fit = replace(fit, log_evidence=fit.log_evidence + more, widening=fit.widening + more)
         return replace(found, fit=fit)
+
+
+def _with_points(known: Solved | None, more: Solved) -> Solved:
+    """Points that are known and more of them, the last `_REMEMBERED`."""
+    pairs = [more] if known is None else [known, more]
+    return tuple(np.concatenate(parts)[-_REMEMBERED:] for parts in zip(*pairs, strict=True))
 
 
 def _as_whole(cells: PriorCells) -> PriorCells:
