@@ -90,6 +90,8 @@ def spread(
 ) -> list[Result]:
     """Results of ``work`` on every task, on all ranks, each done on one rank. Collective.
 
+    A rank that is done takes the next task, so that which rank does which changes from run to run.
+
     Args:
         comm: Communicator.
         tasks: The same on all ranks, in the same order.
@@ -104,14 +106,52 @@ def spread(
         return [work(task) for task in tasks]
 
     def own() -> dict[int, object]:
-        results = ((i, work(tasks[i])) for i in range(comm.rank, len(tasks), comm.size))
-        return {i: r if pack is None else pack(r) for i, r in results}
+        found, i = {}, comm.rank
+        while i < len(tasks):
+            result = work(tasks[i])
+            found[i] = result if pack is None else pack(result)
+            i = following(i)
+        return found
 
-    found = {i: r for part in comm.allgather(fail_alike(comm, own)) for i, r in part.items()}
+    with _turns(comm) as following:
+        parts = comm.allgather(fail_alike(comm, own))
+    found = {i: r for part in parts for i, r in part.items()}
     ordered = [found[i] for i in range(len(tasks))]
     if unpack is None:
         return ordered
     return [unpack(task, r) for task, r in zip(tasks, ordered, strict=True)]
+
+
+@contextmanager
+def _turns(comm: MPI.Intracomm) -> Iterator[Callable[[int], int]]:
+    """Gives the number of the next task after one: that which no rank has taken, if all ranks share
+    a memory, where a rank can count without another one's help. Collective."""
+    from mpi4py import MPI
+
+    node = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    together = comm.allreduce(node.size) == comm.size**2
+    node.Free()
+    if not together:
+        yield lambda task: task + comm.size
+        return
+    window = MPI.Win.Allocate(8 * (comm.rank == 0), 8, comm=comm)
+    one, taken = bytearray((1).to_bytes(8, sys.byteorder)), bytearray(8)
+    if comm.rank == 0:
+        memoryview(window)[:] = bytes(8)
+    comm.Barrier()
+
+    def following(_: int) -> int:
+        window.Lock(0)
+        window.Fetch_and_op([one, MPI.INT64_T], [taken, MPI.INT64_T], 0)
+        window.Unlock(0)
+        return comm.size + int.from_bytes(taken, sys.byteorder)
+
+    try:
+        yield following
+    except Exception:  # on all ranks alike; a signal may come to one of them alone
+        window.Free()
+        raise
+    window.Free()
 
 
 @contextmanager

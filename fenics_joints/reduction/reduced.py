@@ -273,16 +273,18 @@ class Projection:
     def _of_region(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         law, samples = self.full.regions[number].law, self.full.regions[number].law.samples
 
-        def projected(which: int, sample: int) -> np.ndarray:
-            A = self.full.law_matrix(number, which, sample)
+        def projected(A: PETSc.Mat) -> np.ndarray:
             found = self.new(A)
             A.destroy()
             return found
 
-        sampled = np.array([projected(0, i) for i in range(len(samples))])
+        mass = projected(self.full.law_matrix(number, 1, 0)) / law.inertia_term(samples[0])
+        if (terms := self.full.law_terms(number)) is not None:
+            return np.array([projected(A) for A in terms]), mass
+        every = range(len(samples))
+        sampled = np.array([projected(self.full.law_matrix(number, 0, i)) for i in every])
         theta = np.array([law.stiffness_terms(q) for q in samples], dtype=float)
-        terms = np.linalg.solve(theta, sampled.reshape(len(theta), -1)).reshape(sampled.shape)
-        return terms, projected(1, 0) / law.inertia_term(samples[0])
+        return np.linalg.solve(theta, sampled.reshape(len(theta), -1)).reshape(sampled.shape), mass
 
     def spring(self, spring: Spring) -> RegionTerm:
         """A grounding spring."""

@@ -311,7 +311,7 @@ class ReducedModel(MatchedModes):
         whole, taken = None, 0
         while taken < len(self.samples):
             sampled = SampledBasis(self.lacking, self._basis, whole)
-            group = self.samples[taken : 4 * taken + 5]
+            group = self.samples[taken : 4 * taken + 6]  # even, for two ranks
             for first in range(0, len(group), self.ranks.size):
                 self._sample(sampled, group[first : first + self.ranks.size], whole)
             whole, taken = self._on(sampled, whole), taken + len(group)

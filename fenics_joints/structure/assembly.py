@@ -763,6 +763,11 @@ class Assembly:
         """
         return self._summed.laws[number].matrix(which, sample)
 
+    def law_terms(self, number: int) -> Iterator[PETSc.Mat] | None:
+        """A region's stiffness before each of its law's scalars, the caller's to destroy; None
+        until `assemble_samples`, or for a large structure. Collective."""
+        return self._summed.laws[number].terms()
+
     def assemble_samples(self) -> None:
         """Let `stiffness` and `mass` be the same to the last bit whatever is asked for in between.
         Collective."""

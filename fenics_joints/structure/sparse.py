@@ -299,12 +299,28 @@ class LawMatrices:
 
     def matrix(self, which: int, sample: int) -> PETSc.Mat:
         """One of them as a matrix, the caller's to destroy. Collective."""
-        entries = self.entries(which, sample)
+        return self._as_matrix(*self.pattern, self.entries(which, sample))
+
+    def terms(self) -> Iterator[PETSc.Mat] | None:
+        """The stiffness before each of the law's scalars, the caller's to destroy; None until these
+        are kept. Collective."""
+        if self._of_terms is None:
+            return None
+        (starts, columns), by_term = self.pattern, self._of_terms.tocsc()
+        parts = (by_term[:, [i]] for i in range(by_term.shape[1]))
+        return (
+            self._as_matrix(
+                np.searchsorted(part.indices, starts).astype(starts.dtype),
+                columns[part.indices],
+                part.data,
+            )
+            for part in parts
+        )
+
+    def _as_matrix(self, *csr: np.ndarray) -> PETSc.Mat:
         own, bs = self.assembly.V.dofmap.index_map, self.assembly.V.dofmap.index_map_bs
         sizes = own.size_local * bs, own.size_global * bs
-        return PETSc.Mat().createAIJ(
-            (sizes, sizes), csr=(*self.pattern, entries), comm=self.assembly.comm
-        )
+        return PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=self.assembly.comm)
 
     def kept(self, which: int) -> tuple[int, ...]:
         """Samples that are there, or -1 for all the matrices before the scalars."""
