@@ -299,7 +299,8 @@ class LawMatrices:
 
     def matrix(self, which: int, sample: int) -> PETSc.Mat:
         """One of them as a matrix, the caller's to destroy. Collective."""
-        return self._as_matrix(*self.pattern, self.entries(which, sample))
+        entries = self.entries(which, sample)
+        return self._as_matrix(*self.pattern, entries)
 
     def terms(self) -> Iterator[PETSc.Mat] | None:
         """The stiffness before each of the law's scalars, the caller's to destroy; None until these
