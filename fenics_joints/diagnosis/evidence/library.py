@@ -711,7 +711,8 @@ class Library(HypothesisPredictor):
         h, fit, used = found.fit.hypothesis, found.fit, test.fitted
         own, (low, high) = np.arange(h.own.start, h.own.stop), h.limits.T
         stepped = any(prior.scan for _, prior in h.priors)  # cells that are left out are far away
-        if stepped or not self._is_bent(h, found.peak, test.at(fit.scales)):
+        alone = found.cells is found.peak
+        if stepped or (alone and not self._is_bent(h, found.peak, test.at(fit.scales))):
             return found
         lower = test.at(fit.scales).lower(h.unknown)
         post = weigh(found.cells, test.data, used, lower, h.limits)
