@@ -248,13 +248,13 @@ def test_what_is_new_in_a_basis_is_projected_alone():
 
 @pytest.mark.parallel
 def test_refined_modes_make_as_good_a_model_as_solved_ones(monkeypatch):
-    """Five solutions beside the nominal one, and a joint over three decades."""
+    """Six solutions beside the nominal one, and a joint over three decades."""
     world, solved, solve = build(MPI.COMM_WORLD), [], EigenSolver.solve
     monkeypatch.setattr(EigenSolver, "solve", lambda *a, **k: solved.append(a) or solve(*a, **k))
     start = world.values()
     points = [start, *samples(8, seed=3)]
     model = surrogate(world, points, n_test=5, lacking=1e-3)
-    assert len(solved) == 6
+    assert len(solved) == 7
     best = sampled(world, points, 1e-3)
     for there in (points, samples(4, seed=11)):
         exact = [errors(best, [(v, model.solve(v))])[:5].max() for v in there]
