@@ -277,6 +277,15 @@ ROWS = {
         ),
         enters=True,
     ),
+    "diagnose": Row(
+        "The same with a kept model, on one rank: processor seconds over 20",
+        "run.py --as diagnose",
+        "",
+        lambda found: found["kept"]["cpu"] / 20.0,
+        "< 1",
+        lambda found: f"{found['kept']['cpu']:.0f} s of processor, {found['kept']['wall']:.0f} s",
+        enters=True,
+    ),
     "commands": Row(
         "Commands on two ranks: time on one over that on two, the least of them",
         "run.py --as commands",
@@ -287,15 +296,6 @@ ROWS = {
             f"{name} {each['one'] / each['two']:.2f} ({each['one']:.0f} s)"
             for name, each in found.items()
         ),
-        enters=True,
-    ),
-    "diagnose": Row(
-        "The same with a kept model, on one rank: processor seconds over 20",
-        "run.py --as diagnose",
-        "",
-        lambda found: found["kept"]["cpu"] / 20.0,
-        "< 1",
-        lambda found: f"{found['kept']['cpu']:.0f} s of processor, {found['kept']['wall']:.0f} s",
         enters=True,
     ),
     "start": Row(
@@ -346,7 +346,7 @@ SHARED = {
     "modes": "modes demos/engraving_machine --set mesh.element_size='45 mm'",
     "preload": "preload demos/half_lap_beam/contact.toml --set mesh.n_lap=40 --set mesh.n_width=10",
     "harmonic": "harmonic demos/half_lap_beam/slipping.toml",
-    "sweep": "database sweep --bolt M12 --force '25, 50 kN' --thickness '15, 25 mm'",
+    "sweep": "database sweep --bolt M12 --force '20, 30, 40, 50 kN' --thickness '10, 15, 20, 25, 30 mm'",
     "posterior": "update demos/bolted_beams --bayes",
 }
 

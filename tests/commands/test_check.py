@@ -71,7 +71,7 @@ def test_masses_and_places(shared_tmp_path, write_case):
 
 
 def test_a_diagnosis_is_said_to_take_what_it_took():
-    """386 s of the lap plates, docs/speed.md; sampled evidence is most hypotheses' or none's. And
+    """386 s of the lap plates on one rank; sampled evidence is most hypotheses' or none's. And
     350 s of the beam from a drawing with eight levels of a mode, 126 s with the hammer alone."""
 
     def seconds(case, ranks: int = 1) -> float:
