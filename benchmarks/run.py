@@ -346,7 +346,7 @@ SHARED = {
     "modes": "modes demos/engraving_machine --set mesh.element_size='45 mm'",
     "preload": "preload demos/half_lap_beam/contact.toml --set mesh.n_lap=40 --set mesh.n_width=10",
     "harmonic": "harmonic demos/half_lap_beam/slipping.toml",
-    "sweep": "database sweep --bolt M12 --force '20, 30, 40, 50 kN' --thickness '10, 15, 20, 25, 30 mm'",
+    "sweep": "database sweep --bolt M12 --force '20, 35, 50 kN' --thickness '10, 15, 20, 25 mm'",
     "posterior": "update demos/bolted_beams --bayes",
 }
 
