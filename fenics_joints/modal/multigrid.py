@@ -269,7 +269,7 @@ def _in_plane(structure: Structure) -> dict[str, float]:
     ]
     pairs = list(zip(structure.regions, terms, strict=True))
     least = min((t for region, t in pairs if not region.is_joint), default=np.inf)
-    return {_name(region): max(1.0 - least / t, 0.0) for region, t in pairs if region.is_joint}
+    return {_name(r): 1.0 - least / t if t > least else 0.0 for r, t in pairs if r.is_joint}
 
 
 def _softer_across(structure: Structure) -> tuple[list[Region], list[Parameter]]:

@@ -99,7 +99,7 @@ def test_a_layer_of_any_stiffness_costs_few_iterations():
         compare(plates(stiffness * 69e9), 10, rel=1e-7).statistics["iterations"]
         for stiffness in (1e-3, 1.0, 1e3)  # of the plates' modulus
     ]
-    assert max(found) <= 1.3 * min(found)
+    assert max(found) <= min(30, 1.3 * min(found))
 
 
 @pytest.mark.parallel
