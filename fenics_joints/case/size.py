@@ -24,7 +24,13 @@ from fenics_joints.case.mesh import (
 )
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.formatting import number
+from fenics_joints.machine.control_groups import contents, control_groups
 from fenics_joints.meshes.cad_survey import count_vertices
+
+#: Files of a control group, versions 1 and 2: its limit, what it uses, and what of that in
+#: `memory.stat` could be given back.
+_FIRST = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
+_SECOND = "memory.max", "memory.current", "inactive_file"
 
 
 def available_bytes(root: str | Path = "/") -> float:
@@ -46,7 +52,7 @@ def available_bytes(root: str | Path = "/") -> float:
 
 
 def _meminfo(file: Path) -> float | None:
-    for line in _text(file).splitlines():
+    for line in contents(file).splitlines():
         name, _, value = line.partition(":")
         if name == "MemAvailable" and value.split():
             return 1024.0 * float(value.split()[0])
@@ -62,26 +68,15 @@ def _physical() -> float:
 
 def _groups(root: Path) -> Iterator[float]:
     """What each control group of this process, and those above it, leave."""
-    for line in _text(root / "proc/self/cgroup").splitlines():
-        _, kinds, path = (line.split(":", 2) + ["", ""])[:3]
-        if kinds == "":
-            base, names = root / "sys/fs/cgroup", ("memory.max", "memory.current", "inactive_file")
-        elif "memory" in kinds.split(","):
-            base = root / "sys/fs/cgroup/memory"
-            names = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
-        else:
-            continue
-        parts = [part for part in path.split("/") if part not in ("", "..")]
-        # In a container the path may be one outside of it: its own group is then the base.
-        for depth in range(len(parts) + 1):
-            folder = base.joinpath(*parts[:depth])
-            limit, used = (_number(_text(folder / name)) for name in names[:2])
-            if limit is not None:
-                yield limit - (used or 0.0) + _cached(folder, names[2])
+    for folder, second in control_groups(root, "memory"):
+        names = _SECOND if second else _FIRST
+        limit, used = (_number(contents(folder / name)) for name in names[:2])
+        if limit is not None:
+            yield limit - (used or 0.0) + _cached(folder, names[2])
 
 
 def _cached(folder: Path, key: str) -> float:
-    for line in _text(folder / "memory.stat").splitlines():
+    for line in contents(folder / "memory.stat").splitlines():
         name, _, value = line.partition(" ")
         if name == key:
             return _number(value) or 0.0
@@ -90,13 +85,6 @@ def _cached(folder: Path, key: str) -> float:
 
 def _number(text: str) -> float | None:
     return float(text) if text.strip().isdigit() else None
-
-
-def _text(file: Path) -> str:
-    try:
-        return file.read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return ""
 
 
 #: Seconds of a command's time that are no solution: Python, the mesh, compiled forms.

@@ -24,6 +24,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from fenics_joints.machine.control_groups import contents, control_groups
 from fenics_joints.machine.signals import ENDING
 
 #: Environment variable with the number of ranks to start.
@@ -79,32 +80,17 @@ def cores(root: str | Path = "/") -> int:
         return 1
     root = Path(root)
     topology = "sys/devices/system/cpu/cpu{}/topology/thread_siblings_list"
-    names = {_text(root / topology.format(n)) or str(n) for n in os.sched_getaffinity(0)}
+    names = {contents(root / topology.format(n)) or str(n) for n in os.sched_getaffinity(0)}
     return max(1, min([len(names), *_quotas(root)]))
 
 
 def _quotas(root: Path) -> Iterator[int]:
     """Whole processors that the control groups of this process, and those above, allow."""
-    for line in _text(root / "proc/self/cgroup").splitlines():
-        _, kinds, path = (line.split(":", 2) + ["", ""])[:3]
-        if kinds != "" and "cpu" not in kinds.split(","):
-            continue
-        base = root / "sys/fs/cgroup" / ("cpu" if kinds else "")
-        parts = [part for part in path.split("/") if part not in ("", "..")]
-        # In a container the path may be one outside of it: its own group is then the base.
-        for depth in range(len(parts) + 1):
-            folder = base.joinpath(*parts[:depth])
-            files = ["cpu.cfs_quota_us", "cpu.cfs_period_us"] if kinds else ["cpu.max"]
-            quota, period = (" ".join(_text(folder / f) for f in files).split() + ["", ""])[:2]
-            if quota.isdecimal() and period.isdecimal():  # "max" and -1 are none
-                yield int(quota) // int(period)
-
-
-def _text(file: Path) -> str:
-    try:
-        return file.read_text(encoding="ascii", errors="replace").strip()
-    except OSError:
-        return ""
+    for folder, second in control_groups(root, "cpu"):
+        files = ["cpu.max"] if second else ["cpu.cfs_quota_us", "cpu.cfs_period_us"]
+        quota, period = (" ".join(contents(folder / f) for f in files).split() + ["", ""])[:2]
+        if quota.isdecimal() and period.isdecimal():  # "max" and -1 are none
+            yield int(quota) // int(period)
 
 
 # -- the parent ------------------------------------------------------------------------------------
