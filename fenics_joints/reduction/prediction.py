@@ -44,9 +44,10 @@ from fenics_joints.modal.modes import (
     NOTHING,
     SHIFT_SHARE,
     Modes,
-    dense_modes,
+    inverted_modes,
     rigid_below,
     solve_modes,
+    upright,
 )
 from fenics_joints.reduction.arrays import ArrayModel, freeze
 from fenics_joints.reduction.basis import Points, pod
@@ -414,16 +415,17 @@ class BatchPrediction(ModalPrediction):
             return tuple(found[..., :count] for found in np.linalg.eigh(K))
         k = n if count is None else count
         eigenvalues, vectors = np.empty((len(K), k)), np.empty((len(K), n, k))
+        shift = (2 * np.pi * SHIFT_SHARE * self.model.scale_hz) ** 2
         for i in range(len(K)):
-            eigenvalues[i], vectors[i] = self._one(K[i], M[i], k)
-        return eigenvalues, vectors
+            eigenvalues[i], vectors[i] = self._one(K[i], M[i], shift, k)
+        return (eigenvalues, vectors) if self._unit else upright(eigenvalues, vectors, shift)
 
-    def _one(self, K, M, count: int) -> tuple[np.ndarray, np.ndarray]:
+    def _one(self, K, M, shift: float, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Of one model: LAPACK one at a time takes two thirds of numpy's time for a stack."""
         if self._unit:
             return scipy.linalg.eigh(K, subset_by_index=[0, count - 1], check_finite=False)
         try:
-            return dense_modes(K, M, SHIFT_SHARE * self.model.scale_hz, count)
+            return inverted_modes(K, M, shift, count)
         except ConvergenceError as error:
             raise np.linalg.LinAlgError(str(error)) from error
 

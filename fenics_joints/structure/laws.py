@@ -97,7 +97,7 @@ _MAY_BE_ZERO = ("rho", "k_n", "k_t")
 
 
 def _require(where: str, key: str, value, good, expected: str) -> None:
-    if not np.all(good):
+    if not good.all():
         shown = np.asarray(value).flat[int(np.argmin(np.broadcast_to(good, np.shape(value))))]
         raise InputError(f"{where}.{key} = {shown:g} is out of range: expected {expected}.")
 
