@@ -316,11 +316,10 @@ def simulate(
         counts = rng.multinomial(n, softmax(odds[acting])) if acting else []
         return _tests([effects[i] for i in acting], counts, library, test, rng)
 
-    # Ranks of other processors, whose round-off differs, need the same tests.
-    data, drawn = comm.bcast(drawn_tests(_TESTS))
+    data, drawn = drawn_tests(_TESTS)
     cause, count = [effects[acting[i]] for i in drawn], len(data)
     own = [_WhitenedEffect(i, e, library, test) for i, e in enumerate(effects)]
-    scored = comm.bcast(_scored(library, own, odds, log_unknown, data, test))
+    scored = _scored(library, own, odds, log_unknown, data, test)
     residual, score, leading, none, unknown = scored
     rest, k = np.logaddexp(none, unknown), len(residual)
     # As the gap of a real test is: by the best hypothesis' evidence, without its odds.
@@ -382,6 +381,7 @@ def simulate(
     acted = [own[i] for i in acting]
     score = _scored(library, acted, odds[acting], log_unknown, data, test)[1]
     count, right = answers(score, drawn)
+    # Round-off may differ on another rank.
     return comm.bcast(replace(found, answers=count, right=right))
 
 
