@@ -36,7 +36,6 @@ from fenics_joints.diagnosis.evidence.library import Library
 from fenics_joints.diagnosis.evidence.linear import log_constant, marginal, whiten
 from fenics_joints.diagnosis.evidence.localised_unknown import unknown_evidence
 from fenics_joints.diagnosis.thresholds import MISFIT
-from fenics_joints.parallel import spread
 
 #: Simulated tests; effects of each that are solved for, and Gauss-Newton steps of these.
 #: [numerical: the rate to 0.05]
@@ -370,8 +369,8 @@ def simulate(
 
     # Probabilities and not counts, so that no digit of a solver moves the rate by a whole test.
     named, log_p = np.zeros(count), np.zeros(count)
-    tests = np.flatnonzero(np.any(others, axis=0))
-    for t, (log_evidence, square) in zip(tests, spread(comm, tests, explanations), strict=True):
+    for t in np.flatnonzero(np.any(others, axis=0)):
+        log_evidence, square = explanations(t)
         p = np.maximum(chi2.sf(square, k), 1e-300)
         share = np.exp(log_evidence - np.logaddexp(logsumexp(log_evidence), rest[t]))
         share *= visible[t] * p / (p + MISFIT)
