@@ -24,7 +24,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 from scipy.special import expit, logit, logsumexp, softmax
 from scipy.stats import chi2
 from sklearn.linear_model import LogisticRegression
@@ -293,9 +292,8 @@ def simulate(
     prior: float,
     log_unknown: float,
     test: Evidence,
-    comm: MPI.Intracomm = MPI.COMM_SELF,
 ) -> Misattribution:
-    """How often a cause outside the library is taken for effects of the library. Collective.
+    """How often a cause outside the library is taken for effects of the library.
 
     Args:
         library: Has the states of the effects.
@@ -304,7 +302,6 @@ def simulate(
         prior: Probability of a cause outside the library, before the test.
         log_unknown: ln of the prior odds of an unknown cause against none.
         test: The test.
-        comm: Ranks that share the solutions out.
     """
     changed = {e.key: _changed(e, library, test) for e in effects}
     acting = [i for i, e in enumerate(effects) if changed[e.key]]
@@ -335,18 +332,14 @@ def simulate(
     others &= seen
     near = np.argsort(np.where(others, -score, np.inf), axis=0, kind="stable")[:_RIVALS]
     points: list[list[_Point]] = [[] for _ in range(count)]
-    rivals = [(i, np.flatnonzero(np.any(near == i, axis=0) & others[i])) for i in np.unique(near)]
-    rivals = [(i, tests) for i, tests in rivals if len(tests)]
-
-    def reconverged(rival: tuple[int, np.ndarray]) -> list[_Point]:
-        i, tests = rival
-        return own[i].reconverged(
-            library, test, leading[i, tests], residual[:, tests], data[tests], odds[i]
-        )
-
-    for (_, tests), found in zip(rivals, library.shared(comm, rivals, reconverged), strict=True):
-        for t, point in zip(tests, found, strict=True):
-            points[t].append(point)
+    for i in np.unique(near):
+        tests = np.flatnonzero(np.any(near == i, axis=0) & others[i])
+        if len(tests):
+            found = own[i].reconverged(
+                library, test, leading[i, tests], residual[:, tests], data[tests], odds[i]
+            )
+            for t, point in zip(tests, found, strict=True):
+                points[t].append(point)
 
     by_size: dict[int, list[_WhitenedEffect]] = {}
     for each in own:
@@ -380,8 +373,7 @@ def simulate(
     acted = [own[i] for i in acting]
     score = _scored(library, acted, odds[acting], log_unknown, data, test)[1]
     count, right = answers(score, drawn)
-    # Round-off may differ on another rank.
-    return comm.bcast(replace(found, answers=count, right=right))
+    return replace(found, answers=count, right=right)
 
 
 def confusion_matrix(
