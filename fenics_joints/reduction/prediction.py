@@ -415,7 +415,8 @@ class BatchPrediction(ModalPrediction):
             return tuple(found[..., :count] for found in np.linalg.eigh(K))
         k = n if count is None else count
         eigenvalues, vectors = np.empty((len(K), k)), np.empty((len(K), n, k))
-        shift = (2 * np.pi * SHIFT_SHARE * self.model.scale_hz) ** 2
+        # In the order of `dense_modes`, which decides the last bit.
+        shift = (2 * np.pi * (SHIFT_SHARE * self.model.scale_hz)) ** 2
         for i in range(len(K)):
             eigenvalues[i], vectors[i] = self._one(K[i], M[i], shift, k)
         return (eigenvalues, vectors) if self._unit else upright(eigenvalues, vectors, shift)
