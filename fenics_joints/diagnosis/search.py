@@ -19,7 +19,7 @@ from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.thresholds import MISFIT
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
 from fenics_joints.diagnosis.zones.sites import ON, without_attached
-from fenics_joints.parallel import on_root, spread
+from fenics_joints.parallel import spread
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.basis import weak_greedy
 
@@ -120,13 +120,8 @@ class Search:
         if model.not_nominal is not None:
             # Which of the model's modes they are differs from effect to effect.
             test = test.without(np.broadcast_to(model.not_nominal, test.shape))
-
-        def found() -> Misattribution:
-            return simulate(
-                self.library, alone, self._odds, model.case.diagnose.outside, self.log_unknown, test
-            )
-
-        return model.comm.bcast(on_root(model.comm, found))
+        outside, comm = model.case.diagnose.outside, model.comm
+        return simulate(self.library, alone, self._odds, outside, self.log_unknown, test, comm)
 
     # -- evidence ------------------------------------------------------------------------------
 

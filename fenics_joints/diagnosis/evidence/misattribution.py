@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from mpi4py import MPI
 from scipy.special import expit, logit, logsumexp, softmax
 from scipy.stats import chi2
 from sklearn.linear_model import LogisticRegression
@@ -35,6 +36,7 @@ from fenics_joints.diagnosis.evidence.library import Library
 from fenics_joints.diagnosis.evidence.linear import log_constant, marginal, whiten
 from fenics_joints.diagnosis.evidence.localised_unknown import unknown_evidence
 from fenics_joints.diagnosis.thresholds import MISFIT
+from fenics_joints.parallel import spread
 
 #: Simulated tests; effects of each that are solved for, and Gauss-Newton steps of these.
 #: [numerical: the rate to 0.05]
@@ -292,8 +294,9 @@ def simulate(
     prior: float,
     log_unknown: float,
     test: Evidence,
+    comm: MPI.Intracomm = MPI.COMM_SELF,
 ) -> Misattribution:
-    """How often a cause outside the library is taken for effects of the library.
+    """How often a cause outside the library is taken for effects of the library. Collective.
 
     Args:
         library: Has the states of the effects.
@@ -302,6 +305,7 @@ def simulate(
         prior: Probability of a cause outside the library, before the test.
         log_unknown: ln of the prior odds of an unknown cause against none.
         test: The test.
+        comm: Ranks that share the solutions out.
     """
     changed = {e.key: _changed(e, library, test) for e in effects}
     acting = [i for i, e in enumerate(effects) if changed[e.key]]
@@ -312,10 +316,11 @@ def simulate(
         counts = rng.multinomial(n, softmax(odds[acting])) if acting else []
         return _tests([effects[i] for i in acting], counts, library, test, rng)
 
-    data, drawn = drawn_tests(_TESTS)
+    # Ranks of other processors, whose round-off differs, need the same tests.
+    data, drawn = comm.bcast(drawn_tests(_TESTS))
     cause, count = [effects[acting[i]] for i in drawn], len(data)
     own = [_WhitenedEffect(i, e, library, test) for i, e in enumerate(effects)]
-    scored = _scored(library, own, odds, log_unknown, data, test)
+    scored = comm.bcast(_scored(library, own, odds, log_unknown, data, test))
     residual, score, leading, none, unknown = scored
     rest, k = np.logaddexp(none, unknown), len(residual)
     # As the gap of a real test is: by the best hypothesis' evidence, without its odds.
@@ -332,14 +337,18 @@ def simulate(
     others &= seen
     near = np.argsort(np.where(others, -score, np.inf), axis=0, kind="stable")[:_RIVALS]
     points: list[list[_Point]] = [[] for _ in range(count)]
-    for i in np.unique(near):
-        tests = np.flatnonzero(np.any(near == i, axis=0) & others[i])
-        if len(tests):
-            found = own[i].reconverged(
-                library, test, leading[i, tests], residual[:, tests], data[tests], odds[i]
-            )
-            for t, point in zip(tests, found, strict=True):
-                points[t].append(point)
+    rivals = [(i, np.flatnonzero(np.any(near == i, axis=0) & others[i])) for i in np.unique(near)]
+    rivals = [(i, tests) for i, tests in rivals if len(tests)]
+
+    def reconverged(rival: tuple[int, np.ndarray]) -> list[_Point]:
+        i, tests = rival
+        return own[i].reconverged(
+            library, test, leading[i, tests], residual[:, tests], data[tests], odds[i]
+        )
+
+    for (_, tests), found in zip(rivals, library.shared(comm, rivals, reconverged), strict=True):
+        for t, point in zip(tests, found, strict=True):
+            points[t].append(point)
 
     by_size: dict[int, list[_WhitenedEffect]] = {}
     for each in own:
@@ -362,8 +371,8 @@ def simulate(
 
     # Probabilities and not counts, so that no digit of a solver moves the rate by a whole test.
     named, log_p = np.zeros(count), np.zeros(count)
-    for t in np.flatnonzero(np.any(others, axis=0)):
-        log_evidence, square = explanations(t)
+    tests = np.flatnonzero(np.any(others, axis=0))
+    for t, (log_evidence, square) in zip(tests, spread(comm, tests, explanations), strict=True):
         p = np.maximum(chi2.sf(square, k), 1e-300)
         share = np.exp(log_evidence - np.logaddexp(logsumexp(log_evidence), rest[t]))
         share *= visible[t] * p / (p + MISFIT)
@@ -373,7 +382,7 @@ def simulate(
     acted = [own[i] for i in acting]
     score = _scored(library, acted, odds[acting], log_unknown, data, test)[1]
     count, right = answers(score, drawn)
-    return replace(found, answers=count, right=right)
+    return comm.bcast(replace(found, answers=count, right=right))
 
 
 def confusion_matrix(
