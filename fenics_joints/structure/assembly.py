@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import product
+from weakref import WeakKeyDictionary
 
 import basix
 import basix.ufl
@@ -50,7 +51,7 @@ from fenics_joints.structure.components import (
 )
 from fenics_joints.structure.laws import AXISYMMETRIC_SOLID, ELASTIC_SUPPORT, WIDE_SOLID
 from fenics_joints.structure.points import PointRows, locate
-from fenics_joints.structure.sparse import SummedMatrices
+from fenics_joints.structure.sparse import MOST, MatrixForm, SummedMatrices
 from fenics_joints.structure.ties import Ties
 
 #: Most point masses, and most springs: each is a search for its cell and a block in K or M.
@@ -538,6 +539,7 @@ class Assembly:
         self._region_matrices: dict[tuple[int, int], PETSc.Mat] = {}
         self._summed = SummedMatrices(self)
         self._support_matrices: dict[int, tuple[PETSc.Mat, PETSc.Mat]] = {}
+        self._change_matrices: WeakKeyDictionary[object, dict] = WeakKeyDictionary()
 
     # -- set-up ------------------------------------------------------------------------------
 
@@ -772,6 +774,15 @@ class Assembly:
         """Let `stiffness` and `mass` be the same to the last bit whatever is asked for in between.
         Collective."""
         self._summed.assemble_samples()
+
+    def kept_form(self, change: object, key: object, make: Callable[[], PETSc.Mat]) -> MatrixForm:
+        """A matrix of a change, made once, or for a large structure each time. Collective."""
+        if self.n_dofs > MOST:
+            return MatrixForm(make(), True)
+        kept = self._change_matrices.setdefault(change, {})
+        if key not in kept:
+            kept[key] = make()
+        return MatrixForm(kept[key])
 
     def support_matrices(self, number: int) -> tuple[PETSc.Mat, PETSc.Mat]:
         """Stiffness of an elastic support at k_n = 1 Pa/m and at k_t = 1 Pa/m, m2; kept.

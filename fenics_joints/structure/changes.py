@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -374,10 +375,9 @@ def forms_of(
     """Matrices before each scalar of a change in K (0) or M (1); None where not wanted.
     Collective."""
     if isinstance(change, LocalLoss):
-        for cells, asked in zip(
-            change.cells, np.broadcast_to(wanted, len(change.cells)), strict=True
-        ):
-            yield MatrixForm(change.matrix(model, cells), True) if asked else None
+        for place, asked in enumerate(np.broadcast_to(wanted, len(change.cells))):
+            make = partial(change.matrix, model, change.cells[place])
+            yield model.kept_form(change, place, make) if asked else None
     elif which:
         yield MatrixForm(change.inertia(model), True)
     else:

@@ -89,16 +89,34 @@ def cross(A: Matrix, Z: np.ndarray, X: np.ndarray) -> np.ndarray:
         Z: This rank's rows, (n_local, m).
         X: Likewise, (n_local, k).
     """
-    image = product(A, X)
     # The matrix of a part or joint is empty but for its own rows.
+    few = _without_empty(A) if isinstance(A, PETSc.Mat) and A.comm.size == 1 else None
+    if few is None:
+        image, own = product(A, X), np.arange(len(Z))
+    else:
+        (part, own, columns) = few
+        image = part @ X[columns]
     rows = np.flatnonzero(image.any(axis=1))
-    if len(rows) < _FEW_ROWS * len(image):
-        Z, image = Z[rows], image[rows]
+    if len(rows) < _FEW_ROWS * len(Z):
+        Z, image = Z[own[rows]], image[rows]
     found = Z.T @ image
     if isinstance(A, np.ndarray):
         return found
     comm = A.comm.tompi4py() if isinstance(A, PETSc.Mat) else A.comm
     return comm.allreduce(found)
+
+
+def _without_empty(A: PETSc.Mat) -> tuple[scipy.sparse.csr_array, np.ndarray, np.ndarray] | None:
+    """A's rows and columns that have entries, and which they are; None if they are too many."""
+    starts, columns, values = A.getValuesCSR()
+    rows = np.flatnonzero(np.diff(starts))
+    if len(rows) >= 0.5 * _FEW_ROWS * (len(starts) - 1):  # PETSc's product takes as long
+        return None
+    there = np.zeros(A.getSize()[1], dtype=bool)
+    there[columns] = True
+    csr = values, (np.cumsum(there) - 1)[columns], np.append(starts[rows], starts[-1])
+    there = np.flatnonzero(there)
+    return scipy.sparse.csr_array(csr, (len(rows), len(there))), rows, there
 
 
 def slope_products(
@@ -256,7 +274,7 @@ def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
 _ROUND_OFF = 1e-13
 #: Degrees of freedom above which nothing is kept, to save memory: chosen; a solution takes long
 #: then in any case.
-_MOST = 300_000
+MOST = 300_000
 
 #: `fenics_joints.structure.assembly.Assembly`, which holds these.
 Assembly = Any
@@ -413,7 +431,7 @@ class SummedMatrices:
         Returns:
             A new matrix; None as long as assembling the samples would take longer than it saves.
         """
-        if self.assembly.n_dofs > _MOST or not self._uniform:
+        if self.assembly.n_dofs > MOST or not self._uniform:
             return None
         self._asked[which] += 1
         if self._like is None or self._many:
@@ -438,7 +456,7 @@ class SummedMatrices:
     def assemble_samples(self) -> None:
         """Assemble all samples, so that no later matrix depends on what was asked for before it, to
         the last bit. Collective."""
-        if self.assembly.n_dofs > _MOST:
+        if self.assembly.n_dofs > MOST:
             return
         for laws in self._uniform:
             laws.entries(1, 0)
@@ -449,7 +467,7 @@ class SummedMatrices:
 
     def learn(self, A: PETSc.Mat) -> None:
         """Keep the pattern of a matrix of all regions. Collective."""
-        if self._like is None and self.assembly.n_dofs <= _MOST:
+        if self._like is None and self.assembly.n_dofs <= MOST:
             self._like = A.duplicate(copy=False)
 
     @cached_property
