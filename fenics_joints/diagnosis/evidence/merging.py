@@ -26,6 +26,7 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.thresholds import NEGLIGIBLE, ROUND_OFF
+from fenics_joints.parallel import spread
 from fenics_joints.reduction import ModalPrediction
 
 #: Frequencies at which losses are compared, Hz. [numerical: chosen]
@@ -206,11 +207,15 @@ def merge_indistinguishable(
     kinds: dict[tuple, list[Effect]] = {}
     for effect in effects:
         kinds.setdefault(_kind(effect), []).append(effect)
+
+    def alike(group: Sequence[Effect]) -> dict[str, str]:
+        groups = _groups(group, comparison)
+        return {other.key: chosen.key for chosen, others in groups for other in others}
+
     first = {e.key: e.key for e in effects}
-    for group in kinds.values():
-        for chosen, others in _groups(group, comparison) if 1 < len(group) <= _MOST else ():
-            first |= {other.key: chosen.key for other in others}
-    first = comm.bcast(first)  # round-off may decide a close case differently on another rank
+    compared = [group for group in kinds.values() if 1 < len(group) <= _MOST]
+    for found in spread(comm, compared, alike):
+        first |= found
     members: dict[str, list[Effect]] = {}
     for effect in effects:
         members.setdefault(first[effect.key], []).append(effect)
