@@ -90,11 +90,13 @@ def cross(A: Matrix, Z: np.ndarray, X: np.ndarray) -> np.ndarray:
         X: Likewise, (n_local, k).
     """
     # The matrix of a part or joint is empty but for its own rows.
-    few = _without_empty(A) if isinstance(A, PETSc.Mat) and A.comm.size == 1 else None
+    few = None
+    if isinstance(A, PETSc.Mat) and A.comm.size == 1 and A.getInfo()["nz_used"] < X.size:
+        few = _without_empty(A)  # copies A's entries, fewer than those of X that PETSc would copy
     if few is None:
         image, own = product(A, X), np.arange(len(Z))
     else:
-        (part, own, columns) = few
+        part, own, columns = few
         image = part @ X[columns]
     rows = np.flatnonzero(image.any(axis=1))
     if len(rows) < _FEW_ROWS * len(Z):
